@@ -105,6 +105,8 @@ SCENES = {
     "waves": "packing: {diameter: 8 mm, spread: {uniform: 2 um}}\nload: {force: [20 N, 40 N]}\n"
     "medium: {simulation: {shape: 8 20, samples: 2}}\ndirection: [0, 1]\nobserve: [dos, spectrum, pulse]\n"
     "spectrum: {points: 3}\npulse: {frequency: 12 kHz, cycles: 2, distance: 50 mm}",
+    "edge": "packing: {diameter: 8 mm, lattice: square}\nload: {force: 5 N}\nobserve: [surface]\n"
+    "surface: {axis: 1, points: 3}",
     "crystals": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}, lattice: fcc}}\nload: {{force: [20 N, 40 N]}}\n"
     f"medium: {{{_CUBE}}}",
     "cube": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}, lattice: fcc}}\nload: {{force: 20 N}}\n"
@@ -518,7 +520,7 @@ def fit_columns(results: Results) -> str:
 
 def tradeoff_columns(results: Results) -> str:
     """Columns of tradeoff.csv."""
-    empty = TradeOff((), "force", (), {}, {}, 1, 0.0, 0.0)
+    empty = TradeOff((), "force", (), (), "", 1, 0.0, 0.0)
     return columns(Table.parse("tradeoff.csv", empty.csv().encode()), MEASURED)
 
 

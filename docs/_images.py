@@ -30,7 +30,7 @@ from PIL import Image
 import granphon as gp
 from granphon.balls.loads import force_of_frame
 from granphon.figures.bands import bands_figure, plot_bands, plot_dos
-from granphon.figures.fits import fit_figure
+from granphon.figures.curves import fit_figure
 from granphon.figures.forces import forces_figure
 from granphon.figures.modes import plot_mode
 from granphon.figures.style import BLUE, GUIDE, STYLE, VERMILION

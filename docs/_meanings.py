@@ -97,6 +97,9 @@ FILES = {
         "the bands, with the density of states beside them if it was asked for; branches that coincide are one thick line",
     ),
     "dos.png": ("`dos` without `bands`", "the density of states"),
+    "surface.json": ("`surface`", "spectrum of the outer layer, and waves of the edge, for `gp.SurfaceSpectrum.from_dict`"),
+    "surface.csv": ("`surface`", "the waves of the edge, a row for each: frequency, width, energy in the outer layers"),
+    "surface.png": ("`surface`", "the map of the spectrum, with the edges of the bands and the waves on it"),
     "sample_dos.json": ("`dos`, a simulation", "density of states of the first sample, for `gp.SpectralDensity.from_dict`"),
     "sample_dos.csv": ("`dos`, a simulation", "the same as a table, with the standard error"),
     "sample_dos.png": ("`dos`, a simulation", "the same as a figure"),
@@ -121,7 +124,7 @@ FILES = {
     "fit.csv": ("`granphon fit`", "data and fit"),
     "fit.png": ("`granphon fit`", "data, fit, equal balls, and residuals"),
     "tradeoff.csv": ("`granphon tradeoff`", "errors and costs, see [below](#tradeoffcsv)"),
-    "tradeoff.png": ("`granphon tradeoff`", "error over time, a diagram for each study"),
+    "tradeoff.png": ("`granphon tradeoff`", "error over time"),
 }  # fmt: skip
 #: fields of output files that are not observables
 FIELDS = {
@@ -204,12 +207,11 @@ FITTED = {
 }
 #: of tradeoff.csv
 MEASURED = {
-    "study": "name of the study: it compares media, or settings inside one medium",
     "method": "what was measured",
     "knob": "setting of the method",
     "force": "the load, in a column with the name of its kind",
     "observed": "the quantity whose error is given",
-    "error": "relative error against the reference of the study",
+    "error": "relative error against the reference",
     "error_stderr": "standard error of `error` where it is an rms over random samples, else 0",
     "draws": "number of runs that the error is of",
     "reference_error": "relative error of the reference, as far as it is known",

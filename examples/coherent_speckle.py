@@ -15,8 +15,8 @@ import matplotlib
 import matplotlib.pyplot as plt
 
 import granphon as gp
-from granphon.figures.pulses import plot_frame
 from granphon.figures.style import BLUE, STYLE, VERMILION
+from granphon.figures.waves import plot_frame
 
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6))

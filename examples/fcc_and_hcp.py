@@ -15,9 +15,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import granphon as gp
-from granphon.figures.bands import plot_bands
+from granphon.figures.bands import plot_bands, plot_zone
 from granphon.figures.style import BLUE, LONGITUDINAL_COLOUR, STYLE, TRANSVERSE_COLOUR, VERMILION
-from granphon.figures.zones import plot_zone
 
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 media = {name: gp.AveragedLattice(gp.Packing(steel, diameter=8e-3, lattice=name)) for name in ("fcc", "hcp")}

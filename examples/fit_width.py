@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 import granphon as gp
-from granphon.figures.fits import fit_figure
+from granphon.figures.curves import fit_figure
 from granphon.fits.measurements import Measurements
 
 HERE = Path(sys.argv[0]).parent

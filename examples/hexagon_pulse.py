@@ -18,8 +18,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import granphon as gp
-from granphon.figures.pulses import plot_seismogram
 from granphon.figures.style import BLUE, GUIDE, STYLE, VERMILION
+from granphon.figures.waves import plot_seismogram
 
 FREQUENCY, ALONG, SAMPLES = 6500.0, (0.0, 1.0), 2
 side_force = np.geomspace(100.0, 990.0, 4)  # N

@@ -15,7 +15,7 @@ from matplotlib.path import Path
 
 import granphon as gp
 from granphon.figures.style import LONGITUDINAL_COLOUR, STYLE, TRANSVERSE_COLOUR
-from granphon.phonons.zones import zone_polygon
+from granphon.phonons.paths import zone_polygon
 
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 phonons = gp.Phonons(gp.AveragedLattice(gp.Packing(steel, diameter=8e-3)).at_force(18.446))

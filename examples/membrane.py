@@ -14,10 +14,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import granphon as gp
-from granphon.figures.bands import plot_bands
+from granphon.figures.bands import plot_bands, plot_zone
 from granphon.figures.modes import plot_mode
 from granphon.figures.style import BLUE, STYLE, VERMILION
-from granphon.figures.zones import plot_zone
 
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 TORSION, BENDING = 0.02, 0.01

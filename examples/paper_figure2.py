@@ -18,9 +18,8 @@ import numpy as np
 
 import granphon as gp
 from granphon.base.scales import HertzPrefix
-from granphon.figures.bands import plot_bands
+from granphon.figures.bands import plot_bands, plot_zone
 from granphon.figures.style import STYLE
-from granphon.figures.zones import plot_zone
 
 # in units of d, k and M the load does not matter
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)

@@ -14,7 +14,7 @@ import sys
 import numpy as np
 
 import granphon as gp
-from granphon.figures.sweeps import sweep_figure
+from granphon.figures.curves import sweep_figure
 
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 packing = gp.Packing(steel, diameter=8e-3)

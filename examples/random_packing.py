@@ -19,8 +19,8 @@ import numpy as np
 from matplotlib.collections import EllipseCollection, LineCollection
 
 import granphon as gp
-from granphon.figures.spectra import plot_sample_dos
 from granphon.figures.style import STYLE
+from granphon.figures.waves import plot_sample_dos
 
 here = Path(globals().get("__file__", "random_packing.py")).parent  # the gallery runs this here, without __file__
 folder = here / "packings"

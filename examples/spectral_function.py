@@ -18,8 +18,8 @@ import matplotlib
 import matplotlib.pyplot as plt
 
 import granphon as gp
-from granphon.figures.spectra import plot_spectrum
 from granphon.figures.style import STYLE
+from granphon.figures.waves import plot_spectrum
 from granphon.phonons.paths import BandPath
 from granphon.waves.path_spectra import find_path_spectra
 

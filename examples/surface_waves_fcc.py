@@ -14,8 +14,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import granphon as gp
-from granphon.figures.spectra import plot_surface
 from granphon.figures.style import STYLE
+from granphon.figures.waves import plot_surface
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 packing = gp.Packing(STEEL, diameter=8e-3, lattice="fcc", friction=True)

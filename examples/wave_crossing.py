@@ -12,7 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import granphon as gp
-from granphon.figures.pulses import animate_pulse
+from granphon.figures.waves import animate_pulse
 
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6))

@@ -25,7 +25,7 @@ print("\n".join(describe_tradeoff(result, packing.structure.periods)))
 # the number of balls. (On a slower machine the reference has fewer samples, and is less accurate.)
 
 expected = {"ala": 4.3e-3, "afa": 1.65e-3, "computed field": 5.1e-4}
-for point in result.of("media"):
+for point in result.points:
     if point.knob in expected and not point.failure:
         assert abs(point.error / expected[point.knob] - 1.0) < 0.03 + 4.0 * point.reference_error / expected[point.knob]
 

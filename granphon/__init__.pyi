@@ -37,6 +37,7 @@ from .media.choice import AutoMedium as AutoMedium
 from .media.cluster import ClusterMedium as ClusterMedium
 from .media.crystal import Crystal as Crystal
 from .media.crystal import CrystalState as CrystalState
+from .media.limits import Check as Check
 from .media.mean_field import AveragedForce as AveragedForce
 from .media.mean_field import AveragedLattice as AveragedLattice
 from .media.mean_field import EffectiveMedium as EffectiveMedium
@@ -45,21 +46,21 @@ from .media.simulation import DirectSimulation as DirectSimulation
 from .media.simulation import SimulatedState as SimulatedState
 from .media.state import ContactState as ContactState
 from .networks.network import ContactNetwork as ContactNetwork
-from .observables.pulses import PulseVelocities as PulseVelocities
-from .observables.pulses import pulse_velocities as pulse_velocities
-from .observables.validity import Check as Check
 from .observables.validity import Validity as Validity
 from .observables.validity import validity as validity
 from .observables.velocities import AveragedModuli as AveragedModuli
 from .observables.velocities import Moduli as Moduli
+from .observables.velocities import PulseVelocities as PulseVelocities
 from .observables.velocities import SoundVelocities as SoundVelocities
 from .observables.velocities import local_exponent as local_exponent
 from .observables.velocities import moduli as moduli
+from .observables.velocities import pulse_velocities as pulse_velocities
 from .observables.velocities import sound_velocities as sound_velocities
 from .phonons.bands import Bands as Bands
 from .phonons.bands import PhononModes as PhononModes
 from .phonons.calculator import HertzMindlin as HertzMindlin
 from .phonons.calculator import atoms as atoms
+from .phonons.complex_bands import ComplexBands as ComplexBands
 from .phonons.dos import DensityOfStates as DensityOfStates
 from .phonons.phonons import Phonons as Phonons
 from .phonons.phonopy_bridge import load_phonopy as load_phonopy
@@ -76,10 +77,17 @@ from .tradeoffs.measure import tradeoff as tradeoff
 from .waves.dos import LocalDensity as LocalDensity
 from .waves.dos import SpectralDensity as SpectralDensity
 from .waves.modes import NetworkModes as NetworkModes
+from .waves.nonlinear import Drive as Drive
+from .waves.nonlinear import Motion as Motion
+from .waves.nonlinear import NonlinearWaves as NonlinearWaves
 from .waves.path_spectra import PathSpectra as PathSpectra
 from .waves.pulses import Pulse as Pulse
 from .waves.response import Response as Response
 from .waves.spectral_functions import SpectralFunction as SpectralFunction
+from .waves.transmission import ScatteringLengths as ScatteringLengths
+from .waves.transmission import Transmission as Transmission
+from .waves.transmission import scattering_lengths as scattering_lengths
+from .waves.transmission import transmission as transmission
 from .waves.waves import Waves as Waves
 
 __version__: str

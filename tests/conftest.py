@@ -31,7 +31,9 @@ from hypothesis import settings
 
 import granphon as gp
 
-settings.register_profile("granphon", deadline=None, derandomize=True, max_examples=60)
+#: of each property; .ci/run tries more
+EXAMPLES = int(os.environ.get("GRANPHON_TEST_EXAMPLES", "40"))
+settings.register_profile("granphon", deadline=None, derandomize=True, max_examples=EXAMPLES)
 settings.load_profile("granphon")
 
 
@@ -72,6 +74,14 @@ def without_rights(path: Path, remove: bool = True) -> Iterator[None]:
         if not remove:
             patch.setattr(os, "unlink", lambda name: (_ for _ in ()).throw(PermissionError()))
         yield
+
+
+@pytest.fixture
+def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Path:
+    """An empty working folder with the scene of the module in it."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scene.yaml").write_text(request.module.SCENE, encoding="utf-8")
+    return tmp_path
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from matplotlib.text import Text
 from numpy.testing import assert_allclose
 from PIL import Image
 
-from granphon.tradeoffs.study import Stopwatch
+from granphon.tradeoffs.measure import Stopwatch
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 SCRIPTS = sorted(path.stem for path in EXAMPLES.glob("*.py"))

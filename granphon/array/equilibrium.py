@@ -17,6 +17,7 @@ changes.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
@@ -24,7 +25,14 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.geometry import ADDED_STIFFNESS, LatticeGeometry, ReducedLoad
+from granphon.array.geometry import (
+    ADDED_STIFFNESS,
+    ExactGeometry,
+    ExactPlace,
+    LatticeGeometry,
+    ReducedLoad,
+    find_boundary_force,
+)
 from granphon.array.interior import approach
 from granphon.array.krylov import solve_for_motion
 from granphon.array.linear_response import find_linear_response
@@ -94,6 +102,7 @@ class Equilibrium(Result):
     residual : largest force left on a ball, divided by the mean contact force.
     newton, conjugate : number of steps taken by Newton's method and by conjugate gradients.
     lattice : the lattice of the contacts.
+    ratio : W/d in the true geometry; zero where contacts keep the directions of the lattice.
 
     In arrays of contacts the first axis is the kind of contact, in the order of the lattice's table: (n_c, L1, ..., Lp).
     """
@@ -107,6 +116,7 @@ class Equilibrium(Result):
     newton: int = 0
     conjugate: int = 0
     lattice: Lattice = TRIANGULAR
+    ratio: float = 0.0
 
     def __reduce__(self) -> tuple[Any, ...]:
         # keep derivatives already found: each costs a linear response, and another process may have asked for them
@@ -133,9 +143,16 @@ class Equilibrium(Result):
             found = f"deviations of the shape {np.shape(self.deviations)} and balls of {np.shape(self.balls)}"
             raise InputError(message(f"the Equilibrium has {found}, which is no array of the {self.lattice.name} lattice"))
 
+    @cached_property
+    def place(self) -> ExactPlace:
+        """Configuration of the balls in the true geometry."""
+        return ExactGeometry(self.stencils, self.deviations, self.ratio).place(self.balls, self.overlap)
+
     @property
     def differences(self) -> Array:
         """(n_c, L1, ..., Lp) differences h - y of the contacts' overlaps from the common one."""
+        if self.ratio:
+            return self.place.differences
         still = Motion(self.balls, 0.0)
         return self.stencils.average_pairs(self.deviations) - self.stencils.deformations(still)
 
@@ -188,7 +205,8 @@ class Equilibrium(Result):
     @property
     def boundary_force(self) -> float:
         """Force f*, a reduced number, at which the pressure is the same where the cell keeps its size."""
-        return self.force
+        none = np.zeros((0, *self.stencils.shape))
+        return find_boundary_force(self.place, self.forces, none) if self.ratio else self.force
 
     def response(self) -> Array:
         """Return (n_c, L1, ..., Lp) derivatives of the contacts' overlaps with respect to y; computed anew at each call."""
@@ -330,28 +348,40 @@ class NewtonIterate:
         return self
 
     def search(self, step: Motion, means: Array, load: ReducedLoad) -> tuple[NewtonIterate, float]:
-        """Go along a step until the slope of the energy, negative at first, has at most a tenth of its first size.
+        """Return the balls after a step, and its length, of :func:`find_length`."""
+        strain, there = self._stencils.operator.deform(step.balls) - step.compression, self
+        flat = strain.ravel()
 
-        Returns the balls there, and the length. Lengths are tried by Newton's method in one dimension, within brackets.
-        """
-        strain = self._stencils.operator.deform(step.balls) - step.compression
-        first = dot(self.rest.balls, step.balls) + self.rest.compression * step.compression
-        low, high, length = 0.0, math.inf, 1.0
-        for _ in range(_LENGTH_TRIALS):
+        def measure(length: float) -> tuple[float, Callable[[], float]]:
+            nonlocal there
             y, balls = self.overlap + length * step.compression, self.balls + length * step.balls
             there = NewtonIterate(y, balls, means, self._stencils)
             slope = -dot(there.excess, strain)
             if load.overlap is None:
                 slope += step.compression * means.size * (float(hertz.force_of(y)) - load.force)
-            if abs(slope) <= 0.1 * abs(first):
-                break
-            low, high = (length, high) if slope < 0.0 else (low, length)
-            rise = hertz.stiffness_of(float(np.einsum("i,i,i", there.root.ravel(), strain.ravel(), strain.ravel())))
-            length = length - slope / rise if rise > 0.0 else math.inf
-            if not low < length < high:
-                length = 0.5 * (low + high) if high < math.inf else 2.0 * low
-            length = min(length, 4.0 * low) if high == math.inf else length
+            return slope, lambda: hertz.stiffness_of(float(np.einsum("i,i,i", there.root.ravel(), flat, flat)))
+
+        length = find_length(measure, dot(self.rest.balls, step.balls) + self.rest.compression * step.compression)
         return there, length
+
+
+def find_length(measure: Callable[[float], tuple[float, Callable[[], float]]], first: float) -> float:
+    """Return the length of a step at which the slope of the energy has at most a tenth of its ``first`` size.
+
+    ``measure`` returns the slope at a length, below zero at first, and what finds its derivative. Lengths are tried by
+    Newton's method in one dimension, within brackets.
+    """
+    low, high, length = 0.0, math.inf, 1.0
+    for _ in range(_LENGTH_TRIALS):
+        slope, find_rise = measure(length)
+        if abs(slope) <= 0.1 * abs(first):
+            break
+        low, high = (length, high) if slope < 0.0 else (low, length)
+        length = length - slope / rise if (rise := find_rise()) > 0.0 else math.inf
+        if not low < length < high:
+            length = 0.5 * (low + high) if high < math.inf else 2.0 * low
+        length = min(length, 4.0 * low) if high == math.inf else length
+    return length
 
 
 def equilibrate(

@@ -175,16 +175,12 @@ def require_small(ratio: float) -> None:
 class ExactGeometry:
     """True geometry of an array whose balls are of the mean diameter d: directions, arms and overlaps from positions.
 
-    ``ratio`` is eps = W/d. The ``stencils`` say how balls move, with rotations or without. Raises
-    :class:`~granphon.base.errors.InputError` if the ratio is not from zero to :data:`LARGEST_RATIO`, or balls on a lattice
-    with p periods do not lie in p dimensions.
+    ``ratio`` is eps = W/d. The ``stencils`` say how balls move, with rotations or without; their lattice has as many periods
+    as dimensions. Raises :class:`~granphon.base.errors.InputError` if the ratio is not from zero to :data:`LARGEST_RATIO`.
     """
 
     def __init__(self, stencils: Stencils, deviations: Array, ratio: float) -> None:
         require_small(ratio)
-        if stencils.lattice.dimension != stencils.lattice.periods:
-            what = f"the lattice {stencils.lattice.name} has {stencils.lattice.periods} periods in more dimensions"
-            raise InputError(message(what, "The true geometry is found of balls that move along the periods alone"))
         self.stencils, self.ratio, self.means = stencils, ratio, stencils.average_pairs(deviations)
         first = stencils.by_ball(deviations)
         ends = np.stack([first[i] for i, _ in stencils.ends])

@@ -70,8 +70,6 @@ class LoadingHistory:
         it is a state in it. Or "gas": the balls lie apart on their sites, and are pressed with friction until they stand,
         see :mod:`granphon.array.stepper`: a beginning for lattices that friction alone holds.
     geometry : of the contacts; by default that of the lattice, the limit of small spread.
-
-    Raises :class:`~granphon.base.errors.InputError` if a parameter has no meaning.
     """
 
     deviations: Array
@@ -82,16 +80,6 @@ class LoadingHistory:
     geometry: Geometry | None = None
 
     def __post_init__(self) -> None:
-        if not self.friction_coefficient >= 0.0:
-            raise InputError(message(f"a friction coefficient of {self.friction_coefficient:g} is not zero or above"))
-        if isinstance(self.start, str) and self.start != GAS:
-            raise InputError(message(f'a history cannot start at "{self.start}"', mend=f'Give a state, a load, or "{GAS}"'))
-        if not self.tolerance > 0.0:
-            raise InputError(message(f"a tolerance of {self.tolerance:g} for the steps of the load is not above zero"))
-        if not self.stencils.mindlin_ratio > 0.0:
-            raise InputError(
-                message("a loading history with friction has no shear stiffness", mend="Give the stencils a mindlin_ratio")
-            )
         self._law = FrictionLaw(self.stencils.mindlin_ratio, self.friction_coefficient)
         geometry = self.geometry or LatticeGeometry(self.stencils, self.deviations)
         self.stepper = Stepper(geometry, self._law, from_gas=self.start == GAS)

@@ -48,11 +48,12 @@ _NOISE = 1e-14
 _RESPONSE = 1e-7
 #: cycles of GMRES after which the matrix is factorised
 _PATIENCE = 4
-#: largest number of balls, in a plane and in space, whose matrix is factorised at once: where factors take less
-#: time than iterations without, by trial
-_MOST_AT_ONCE = (2**10, 2**9)
-#: the same where iterations without factors do not come to an end. In space the time grows as the power 2.5 of it: 1000
-#: balls take about 2 s, 1728 about 10 s; in a plane 16,384 about 1 s
+#: largest number of contacts that carry load, in a plane and in space, of an array whose matrix is factorised at once: where
+#: factors take less time than iterations without, by trial (8^3 cells in fcc: about as long near the threshold, ten times
+#: as long where all contacts carry)
+_MOST_AT_ONCE = (2700, 2200)
+#: largest number of balls whose matrix is factorised where iterations without factors do not come to an end. In space the
+#: time grows as the power 2.5 of it: 1000 balls take about 2 s, 1728 about 10 s; in a plane 16,384 about 1 s
 _MOST_BALLS = (2**14, 2**11)
 #: regularisation added to the diagonal, over the mean stiffness: it fixes zero modes such as balls that turn against each
 #: other like gears, which what is left of torques, rounding among it, would turn without limit
@@ -140,7 +141,8 @@ def find_motions(place: ExactPlace, acting: ActingForces, stencils: Stencils) ->
 
     frame, symmetric = place.geometry.frame, not np.any(acting.shears)
     stiff, count = float(np.mean(acting.springs[: stencils.n_contacts])), math.prod(frame.shape) * frame.n_balls
-    small, few = (count <= most[len(frame.shape) - 2] for most in (_MOST_AT_ONCE, _MOST_BALLS))
+    carrying, where = int(np.count_nonzero(acting.springs[: stencils.n_contacts])), len(frame.shape) - 2
+    small, few = carrying <= _MOST_AT_ONCE[where], count <= _MOST_BALLS[where]
 
     def tabulate() -> Iterator[Array]:
         return place.tabulate(acting.law, acting.forces, acting.shears, acting.rolling)

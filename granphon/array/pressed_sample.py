@@ -28,7 +28,7 @@ from granphon.array.history import LoadingHistory
 from granphon.array.sample import STEP, Sample, find_density, turn_frames
 from granphon.array.stencils import Motion, Stencils
 from granphon.array.true_equilibrium import find_exact_elasticity
-from granphon.balls.hertz import force_of, reduce_by_slip
+from granphon.balls.hertz import reduce_by_slip
 from granphon.base.errors import InputError, message
 from granphon.base.results import read_only
 from granphon.networks.network import ContactNetwork
@@ -55,7 +55,6 @@ class PressedEquilibrium(Equilibrium):
     slid, loosened, damped : energies lost since the start by sliding, by the law of the tangential force, and to dashpots,
         between the gas and rest and where balls fall; as ``work``.
     steps : number of steps of the load since the start.
-    ratio : W/d in the true geometry; zero where contacts keep the directions of the lattice.
     """
 
     rotations: Array = field(default_factory=lambda: np.zeros(0))
@@ -67,7 +66,6 @@ class PressedEquilibrium(Equilibrium):
     loosened: float = 0.0
     damped: float = 0.0
     steps: int = 0
-    ratio: float = 0.0
 
     @classmethod
     def of(cls, pressed: PressedArray, deviations: Array, stencils: Stencils, ratio: float) -> Self:
@@ -102,16 +100,6 @@ class PressedEquilibrium(Equilibrium):
         """Configuration of the balls in the true geometry."""
         geometry = ExactGeometry(self.sheared, self.deviations, self.ratio)
         return geometry.place(self.sheared.spread(self.balls, self.rotations), self.overlap)
-
-    @property
-    def differences(self) -> Array:
-        """(n_c, L1, ..., Lp) differences h - y of the contacts' overlaps from the common one."""
-        return self.place.differences if self.ratio else super().differences
-
-    @property
-    def excess(self) -> Array:
-        """(n_c, L1, ..., Lp) contact forces minus y_+^(3/2)."""
-        return self.forces - force_of(self.overlap) if self.ratio else super().excess
 
     @property
     def boundary_force(self) -> float:

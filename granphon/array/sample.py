@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.array.atoms import SAMPLE, count_coordinates, take_arrays
 from granphon.array.equilibrium import Equilibrium, equilibrate
 from granphon.array.friction import LEAST_CONTACT
-from granphon.array.geometry import ExactPlace, ReducedLoad
+from granphon.array.geometry import ReducedLoad
 from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_exactly
 from granphon.balls.contact_table import contact_frames
 from granphon.balls.lattices import BALL
@@ -55,7 +55,7 @@ class Sample(Result):
 
     packing: Packing
     seed: int | None
-    equilibrium: Equilibrium | TrueEquilibrium
+    equilibrium: Equilibrium | TrueEquilibrium  # both are named so that plain data are made into them again
 
     @property
     def _units(self) -> WidthUnits:
@@ -180,13 +180,9 @@ class Sample(Result):
         This takes two more equilibria, each started from this one, and their linear responses.
         """
         here = self.equilibrium
+        solve: Callable[..., Equilibrium] = partial(equilibrate_exactly, ratio=here.ratio) if here.ratio else equilibrate
         loads = [ReducedLoad(force=here.force * math.exp(step)) for step in (-STEP, STEP)]
-        found: list[Equilibrium] = []
-        for load in loads:
-            if isinstance(here, TrueEquilibrium):
-                found.append(equilibrate_exactly(here.deviations, load, here.ratio, here.stencils, here))
-            else:
-                found.append(equilibrate(here.deviations, load, here.stencils, here))
+        found = [solve(here.deviations, load, stencils=here.stencils, start=here) for load in loads]
         return read_only([self._compute_elastic_tensor(one) for one in found])
 
     @cached_property
@@ -205,7 +201,7 @@ class Sample(Result):
         are zeros under prestress.
         """
         packing, here = self.packing, self.equilibrium
-        exact: ExactPlace | None = getattr(here, "place", None) if self.is_exact else None
+        exact = here.place if self.is_exact else None
         diameters, force = self.diameters, self.contact_forces
         stiffness = self._units.stiffness * np.moveaxis(here.stiffnesses, 0, -1)
         positions = packing.diameter * self._shrinkage * self.sites + self.displacements
@@ -250,12 +246,12 @@ class Sample(Result):
     @property
     def is_exact(self) -> bool:
         """Whether contacts have the directions, arms and overlaps of the balls' positions, and not those of the lattice."""
-        return bool(getattr(self.equilibrium, "ratio", 0.0))
+        return bool(self.equilibrium.ratio)
 
     @property
     def _shrinkage(self) -> float:
         """Spacing over diameter of the cell: 1 where contacts keep the directions of the lattice."""
-        return 1.0 - float(getattr(self.equilibrium, "ratio", 0.0)) * self.equilibrium.overlap
+        return 1.0 - self.equilibrium.ratio * self.equilibrium.overlap
 
     def _compute_elastic_tensor(self, equilibrium: Equilibrium) -> Array:
         packing, d = self.packing, self.packing.diameter

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, THRESHOLD_FORCE
+from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, THRESHOLD_FORCE, find_length
 from granphon.array.geometry import ADDED_STIFFNESS
 from granphon.array.sparse_matrices import compose, factorise
 from granphon.balls import hertz
@@ -32,8 +32,6 @@ _FORCE_ROUNDING = 1e-14
 _HOLDING_STIFFNESS = 1e-12
 #: number of solutions, each for the residual of the one before, that remove the effect of these springs
 _REFINEMENTS = 3
-#: largest number of trials for the length of a step
-_SLOPES = 30
 #: force left on a ball, over the mean, below which the stiffness that holds it is not lowered any more
 _LEAST_ADDED = 1e-7
 
@@ -173,18 +171,9 @@ def find_step_length(h: Array, strain: Array, work: float = 0.0) -> float:
 
     The overlaps ``h`` change by ``-strain`` per length of the step, and loads do the ``work``.
     """
-    first, low, high, length = 0.0, 0.0, math.inf, 0.0
-    for trial in range(_SLOPES):
+
+    def measure(length: float) -> tuple[float, Callable[[], float]]:
         forces, root = hertz.press(h - length * strain)
-        slope, rise = -float(strain @ forces) - work, hertz.stiffness_of(float(root @ strain**2))
-        if trial == 0:
-            first, length = slope, 1.0
-            continue
-        if abs(slope) <= 0.1 * abs(first):
-            break
-        low, high = (length, high) if slope < 0.0 else (low, length)
-        length = length - slope / rise if rise > 0.0 else math.inf
-        if not low < length < high:
-            length = 0.5 * (low + high) if high < math.inf else 2.0 * low
-        length = min(length, 4.0 * low) if high == math.inf else length
-    return length
+        return -float(strain @ forces) - work, lambda: hertz.stiffness_of(float(root @ strain**2))
+
+    return find_length(measure, measure(0.0)[0])

@@ -59,7 +59,7 @@ from granphon.array.load_step import (
 )
 from granphon.array.preconditioners import Patches
 from granphon.array.stencils import dot
-from granphon.base.errors import ConvergenceError, InputError, message
+from granphon.base.errors import ConvergenceError, message
 
 Array = NDArray[np.float64]
 #: number of times that a step of the load is halved where Newton's method fails, and where f* is not yet accurate
@@ -142,8 +142,6 @@ class Stepper:
 
         Where Newton's method fails, balls are slowed by dashpots, or the load is reached in two steps or more.
         """
-        if load.overlap is None and not load.force > 0.0:
-            raise InputError(message(f"a mean contact force of f* = {load.force:.3g} is not above zero"))
         # with small friction balls come into balance only in stages, which steps with dashpots do without
         relaxes = not self.drag and self.law.friction_coefficient >= SMALL_FRICTION
         ahead, halvings, failed = [load], 0, 0

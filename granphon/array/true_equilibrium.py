@@ -31,7 +31,6 @@ from granphon.array.geometry import (
     ExactPlace,
     Inverse,
     ReducedLoad,
-    find_boundary_force,
     find_lack,
 )
 from granphon.array.interior import CLOSE, approach
@@ -97,26 +96,9 @@ _DOUBLINGS = 6
 class TrueEquilibrium(Equilibrium):
     """Sample at rest without friction in its true geometry, in units of W and c W^(3/2).
 
-    ``overlap`` is y = (d - a)/W, with the spacing a of the compressed cell; ``ratio`` is W/d. Other attributes are those of
+    ``overlap`` is y = (d - a)/W, with the spacing a of the compressed cell. Other attributes are those of
     :class:`~granphon.array.equilibrium.Equilibrium`. ``stiffness`` is df*/dy of the mean normal force.
     """
-
-    ratio: float = 0.0
-
-    @cached_property
-    def place(self) -> ExactPlace:
-        """Configuration of the balls."""
-        return ExactGeometry(self.stencils, self.deviations, self.ratio).place(self.balls, self.overlap)
-
-    @property
-    def differences(self) -> Array:
-        """(n_c, L1, ..., Lp) differences h - y of the contacts' overlaps from the common one."""
-        return self.place.differences
-
-    @property
-    def boundary_force(self) -> float:
-        """Force f*, a reduced number, at which the pressure is the same where the cell keeps its size."""
-        return find_boundary_force(self.place, self.forces, np.zeros((0, *self.forces.shape)))
 
     def _act(self, residual: float | None = None) -> ActingForces:
         """Return the contacts that carry load, without friction.

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
-from granphon.balls.diameters import Spread, given_spread
+from granphon.balls.diameters import Discrete, Measured, Normal, Uniform, given_spread
 from granphon.balls.material import LEAST_YOUNG_MODULUS, Material
 from granphon.base.errors import InputError, message
 from granphon.base.validation import label, positive, require
@@ -85,7 +85,7 @@ class Ball:
     mass: float = None  # type: ignore[assignment]  # a number from the constructor on
     inertia: float = None  # type: ignore[assignment]
     name: str = ""
-    spread: Spread | None = None
+    spread: Uniform | Normal | Discrete | Measured | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.material, Material):

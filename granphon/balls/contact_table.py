@@ -73,6 +73,11 @@ class ContactTable:
             read_only(self.vector * factor), read_only(self.arm_i * factor), read_only(self.arm_j * factor),
         )  # fmt: skip
 
+    def take(self, rows: Any, i: Any, j: Any, shift: Any, turn: Any = None) -> ContactTable:
+        """Return the contacts of some ``rows``, between other balls, with their vectors turned by ``turn`` (d, d)."""
+        normal, vector = (one[rows] if turn is None else one[rows] @ turn.T for one in (self.normal, self.vector))
+        return ContactTable(*map(read_only, (i, j, shift, normal, vector, self.arm_i[rows], self.arm_j[rows])))
+
 
 def contact_frames(normal: Array) -> list[list[Array]]:
     """The right-handed unit vectors n, t and n x t of each contact: its normal and two tangents.
@@ -89,6 +94,17 @@ def contact_frames(normal: Array) -> list[list[Array]]:
     across = np.cross(axis, normal)
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     return [list(vectors.T) for vectors in (normal, across, np.cross(normal, across))]
+
+
+def repeat_contacts(i: Any, j: Any, shift: Any, n: int, full: tuple[int, ...]) -> tuple[Any, Any, Any, Any]:
+    """Return the cells (m, p) of a supercell of ``full`` cells of ``n`` balls each, and i, j, shift of its contacts.
+
+    Balls come in the order of cells, ball by ball of each cell, with the last period fastest; contacts cell by cell.
+    """
+    cells = np.stack(np.meshgrid(*map(np.arange, full), indexing="ij"), axis=-1).reshape(-1, len(full))
+    steps, first = cells[:, None] + shift, n * np.arange(len(cells))[:, None]
+    number = np.ravel_multi_index(tuple(np.moveaxis(np.mod(steps, full), -1, 0)), full)
+    return cells, (first + i).ravel(), (n * number + j).ravel(), np.floor_divide(steps, full).reshape(-1, len(full))
 
 
 def steps_within(cell: Array, radius: float) -> NDArray[np.intp]:
@@ -216,17 +232,12 @@ def _find_near(cell: Array, positions: Array, radii: Array, called: str) -> tupl
     They are balls i and j (pairs,), whole cells (pairs, p) by which j is displaced and vectors (pairs, d), in the order of
     i, j, and these cells.
     """
-    n, p = len(positions), len(cell)
+    n = len(positions)
     reach_of = 1.0 + NEAR + 1e-9
     few = n <= _FEW
     longest = 2.0 * reach_of * float(radii.max())
-    base = np.zeros((n, p), np.intp)
-    if few:
-        apart = positions[None] - positions[:, None]
-        radius = longest + float(np.linalg.norm(apart, axis=-1).max())
-    else:  # all balls in one cell
-        base = np.floor(positions @ np.linalg.pinv(cell)).astype(np.intp)
-        positions, radius = positions - base @ cell, longest
+    apart = positions[None] - positions[:, None] if few else np.zeros(1)
+    radius = longest + float(np.linalg.norm(apart, axis=-1).max())
     reach = _reach(cell, radius) + (not few)
     if np.prod(2.0 * reach + 1.0) * (1 if few else n / _FEW) > _MOST_CELLS:
         what = f"the cell of {called} is too oblique, or its sites are too far from each other"
@@ -238,29 +249,50 @@ def _find_near(cell: Array, positions: Array, radii: Array, called: str) -> tupl
         near = distance <= reach_of * (radii[:, None] + radii)[:, :, None]
         found: Any = np.nonzero(near & ~(np.eye(n, dtype=bool)[:, :, None] & np.all(steps == 0, axis=1)))
         return found[0], found[1], steps[found[2]], delta[found]
-    from scipy.spatial import cKDTree  # here alone: the lattices that have a name need no scipy
-
-    steps = _list_steps(cell, math.inf, reach)
-    steps = steps[np.argsort(np.any(steps, axis=1), kind="stable")]  # the cell itself first
-    inverse = np.linalg.pinv(cell)
-    fractions, margin = positions @ inverse, longest * np.linalg.norm(inverse, axis=0)
-    where = np.any(steps, axis=1)[:, None] & ~np.all(
-        (fractions + steps[:, None] >= -margin) & (fractions + steps[:, None] <= 1.0 + margin), axis=-1
-    )
-    step, ball = np.nonzero(~where)
-    places = positions[ball] + steps[step] @ cell
-    one, other = cKDTree(places).query_pairs(longest, output_type="ndarray").T
-    # images of the cell are the later ones: a pair with an image is found from its other end too, through another image
-    own = np.minimum(one, other) < n
-    one, other = np.minimum(one, other)[own], np.maximum(one, other)[own]
-    both = other < n
-    i, j = np.concatenate([ball[one], ball[other[both]]]), np.concatenate([ball[other], ball[one[both]]])
-    delta = np.concatenate([places[other] - places[one], (places[one] - places[other])[both]])
-    shift = np.concatenate([steps[step[other]], np.zeros((np.count_nonzero(both), p), np.intp)]) + base[i] - base[j]
+    i, j, shift, delta = find_pairs(positions, cell, longest)
     near = np.linalg.norm(delta, axis=-1) <= reach_of * (radii[i] + radii[j])
     i, j, shift, delta = i[near], j[near], shift[near], delta[near]
+    i, j = np.concatenate([i, j]), np.concatenate([j, i])
+    shift, delta = np.concatenate([shift, -shift]), np.concatenate([delta, -delta])
     order = np.lexsort((*shift.T[::-1], j, i))
     return i[order], j[order], shift[order], delta[order]
+
+
+def find_pairs(positions: Array, periods: Array, cutoff: float) -> tuple[Any, Any, Any, Array]:
+    """Find the pairs of places (n, d) not farther apart than ``cutoff``, each once, also of images along ``periods`` (p, d).
+
+    Returns indices i and j (pairs,), the whole periods (pairs, p) by which the image of j is shifted, and the vectors
+    (pairs, d) from i to it, in the order of i, j and these shifts. The search is in a tree of the places and of their images
+    near the faces of the cell.
+    """
+    # imported here because it loads much of scipy, which lattices that have a name do not need
+    from scipy.spatial import cKDTree
+
+    # fractions of the periods: places are moved into the cell, then repeated as far as a pair can reach beyond its faces
+    n, across = len(positions), np.linalg.pinv(periods)
+    place = positions @ across
+    home = np.floor(place).astype(np.intp)
+    ball, step = np.arange(n), np.zeros((n, len(periods)), np.intp)
+    place -= home
+    for axis, margin in enumerate(cutoff * np.linalg.norm(across, axis=0) * (1.0 + 1e-9)):
+        reach = int(margin) + 1
+        kept = [(ball, step)]  # the places themselves come first
+        for steps in (*range(-reach, 0), *range(1, reach + 1)):
+            away = place[ball, axis] + steps
+            near = (away >= -margin) & (away <= 1.0 + margin)
+            there = step[near]
+            there[:, axis] = steps
+            kept.append((ball[near], there))
+        ball, step = (np.concatenate(parts) for parts in zip(*kept, strict=True))
+    points = positions[ball] + (step - home[ball]) @ periods
+    one, other = cKDTree(points).query_pairs(cutoff, output_type="ndarray").T
+    own = one < n  # the first of a pair is the lower one, and a place of the cell comes before all images
+    one, other = one[own], other[own]
+    i, j, shift = ball[one], ball[other], step[other] - home[ball[other]] + home[ball[one]]
+    once = (other < n) | select_once(i, j, shift)
+    i, j, shift, vector = i[once], j[once], shift[once], points[other[once]] - points[one[once]]
+    order = np.lexsort((*shift.T[::-1], j, i))
+    return i[order], j[order], shift[order], vector[order]
 
 
 def require_joined(

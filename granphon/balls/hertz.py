@@ -196,6 +196,20 @@ def press_further(overlap: float, differences: Array, out: Array | None = None) 
     return change, root
 
 
+def stretch(rest: Array, rest_root: Array, elongation: Array) -> tuple[Array, Array, Array]:
+    """Return what an elongation e from overlaps y >= 0 at rest changes: forces, the stored energy, and the roots h_+^(1/2).
+
+    h = y - e. Of the energy that of the force at rest, y^(3/2) e, is left out, so that it begins with e^2.
+    """
+    root = np.sqrt(np.maximum(rest - elongation, 0.0))
+    total = root + rest_root
+    change = np.maximum(-elongation, -rest)  # of h_+, the product of sum and difference of the roots
+    gap = np.divide(change, total, out=np.zeros_like(total), where=total > 0.0)
+    energy = gap * gap * (3.0 * rest_root**3 + gap * (4.0 * rest_root**2 + gap * (2.0 * rest_root + 0.4 * gap)))
+    open_by = np.minimum(rest - elongation, 0.0)
+    return gap * (total * total - root * rest_root), energy - rest_root**3 * open_by, root
+
+
 def force_of(overlap: Any) -> Any:
     """Return h_+^(3/2)."""
     return np.maximum(overlap, 0.0) ** EXPONENT

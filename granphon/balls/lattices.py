@@ -17,8 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import TOUCH, ContactTable, find_contacts
 from granphon.base.errors import InputError, brief, message
-from granphon.base.notebook import write_html
-from granphon.base.results import read_only
+from granphon.base.results import read_only, write_html
 from granphon.base.text import counted
 from granphon.base.validation import label, real_array, require
 
@@ -136,6 +135,11 @@ class Lattice:
     def periods(self) -> int:
         """Number p of lattice vectors."""
         return len(self.cell)
+
+    @property
+    def reach(self) -> float:
+        """Length of the longest contact, in units of the spacing of touching balls."""
+        return 1.0
 
     @property
     def pressed_axes(self) -> int:

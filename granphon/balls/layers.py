@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.contact_table import TOUCH, contact_frames
-from granphon.base.errors import InputError, brief, message
-from granphon.base.text import counted
+from granphon.base.errors import InputError, Refused, brief, message
+from granphon.base.text import counted, show
+from granphon.base.validation import each, is_whole, whole
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -18,6 +20,8 @@ Index = NDArray[np.intp]
 EDGES = ("free", "clamped", "floor")
 #: part of a period across the line or plane in which it lies, but for rounding
 _LEVEL = 1e-12
+#: part of a layer by which sites at one height may differ
+_SITE = 1e-9
 #: largest Miller index
 _MOST_INDEX = 100
 
@@ -69,6 +73,20 @@ class Layers:
         steps = np.rint(shift @ np.linalg.inv(self.basis)).astype(np.intp)
         return steps[:, :-1], steps[:, -1]
 
+    def gather(self, positions: Array, i: Index, j: Index, shift: Index, walls: Any = False) -> tuple[Array, Index]:
+        """Return positions (n, d) and shifts (n_c, p) of the same balls and contacts, with all sites within one layer.
+
+        Sites that lie one layer or more above the lowest are moved down by whole layers. ``walls`` (n,) have no site.
+        """
+        p = len(self.basis)
+        height = (positions @ self.turn.T)[:, p - 1] / self.stack[p - 1]
+        still = np.broadcast_to(walls, height.shape)
+        down = np.where(still, 0.0, np.floor(height - np.min(height, where=~still, initial=np.inf) + _SITE))
+        if not np.any(down):
+            return positions, shift
+        lower = np.where(still[i] | still[j], 0.0, down[j] - down[i]).astype(np.intp)
+        return positions - down[:, None] * (self.stack @ self.turn), shift + lower[:, None] * self.basis[-1]
+
     def turn_space(self) -> Array:
         """Return :attr:`turn` as a rotation (3, 3) of space."""
         turn, d = np.eye(3), len(self.turn)
@@ -84,6 +102,18 @@ class Layers:
         up = np.arange(count)[:, None] + rise
         layer, row = np.nonzero((up >= 0) & (up < count))
         return layer * n + i[row], up[layer, row] * n + j[row], row, inner[row]
+
+
+def read_axis(value: Any) -> Any:
+    """Read the number of a vector of a cell, or Miller indices, as a scene has them; raises Refused for another value."""
+    if is_whole(value):
+        return whole(value, 0, 2)
+    words = value
+    if isinstance(value, str):
+        words = [int(one) if one.removeprefix("-").isdecimal() else one for one in value.split()]
+    if not isinstance(words, list | tuple):
+        raise Refused(show(value), "the number of a vector of the cell, 0 to 2, or Miller indices, as 1 1 0")
+    return each(words, partial(whole, low=-100, high=100), "Miller indices")
 
 
 def read_edges(edges: Any) -> tuple[str, str]:
@@ -105,6 +135,13 @@ def find_faces(heights: Array, radii: Array, edges: tuple[str, str], n: int) -> 
         touched = np.flatnonzero(top >= top.max() - TOUCH * radii[np.isfinite(radii)].max())
         found.append(first + np.arange(n) if word == "clamped" else touched)
     return found[0], found[1]
+
+
+def find_outer(heights: Array) -> NDArray[np.bool_]:
+    """Return (2, n) which balls at ``heights`` lie in the outer quarter of a cut, the lower one and the upper one."""
+    low, high = float(heights.min()), float(heights.max())
+    quarter = 0.25 * (1.0 + _SITE) * (high - low)
+    return np.stack([heights <= low + quarter, heights >= high - quarter])
 
 
 def _find_basis(axis: Any, cell: Array) -> Index:

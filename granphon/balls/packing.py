@@ -16,7 +16,7 @@ from granphon.balls.lattices import Lattice, find_lattice
 from granphon.balls.material import LEAST_YOUNG_MODULUS, Material
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.base.errors import InputError, brief, message
-from granphon.base.notebook import write_html
+from granphon.base.results import write_html
 from granphon.base.scales import WidthUnits
 from granphon.base.validation import not_negative, positive, require, truth
 
@@ -173,8 +173,34 @@ class Packing:
             return self.mass / (self.diameter * per_ball)
         return self.material.ball_mass(1.0) / per_ball
 
+    @property
+    def kind_names(self) -> tuple[str, ...]:
+        """Names of the kinds of balls: none, as all balls have one material and one distribution of diameters."""
+        return ()
+
+    @property
+    def is_held(self) -> bool:
+        """Whether a floor or clamp holds balls: none does."""
+        return False
+
+    def describe(self) -> list[tuple[str, Any, str]]:
+        """Return names, values and SI units of what describes it, as a notebook shows them."""
+        ball = self.material
+        given = [("yield strength", ball.yield_strength, "Pa")] * (ball.yield_strength is not None)
+        resisted = [(name, getattr(self, name), "k d^2") for name in ("torsion", "bending") if getattr(self, name)]
+        return [
+            ("lattice", self.structure.name, ""), ("diameter", self.diameter, "m"),
+            ("spread", "none" if self.spread is None else type(self.spread).__name__.lower(), ""),
+            *([("width of the spread", self.width, "m")] * (self.spread is not None)),
+            ("Young modulus", ball.young_modulus, "Pa"), ("Poisson ratio", ball.poisson_ratio, ""),
+            ("density", ball.density, "kg/m^3"), *given, ("mass of a ball", self.mass, "kg"),
+            ("friction", self.friction, ""), ("shear over normal stiffness", self.mindlin_ratio, ""),
+            ("motions", self.named_motions.name.replace("_", " "), ""),
+            *resisted,
+        ]  # fmt: skip
+
     def _repr_html_(self) -> str:
-        return write_html("Packing", describe_packing(self))
+        return write_html("Packing", self.describe())
 
 
 def read_rolling(called: str, dimension: int, motions: Any, torsion: Any, bending: Any) -> tuple[float | str, float]:
@@ -245,20 +271,3 @@ def require_shallow(modulus: float, overlap: float, load: str) -> None:
             why += f". The Young modulus is {modulus:g} Pa, probably a wrong unit, such as GPa given for Pa"
             mend = "Give the Young modulus in Pa (70 GPa are 70e9), or lower the load"
         raise InputError(message(what, why, mend))
-
-
-def describe_packing(packing: Packing) -> list[tuple[str, Any, str]]:
-    """Return names, values and SI units of what describes a packing, as a notebook shows them."""
-    ball = packing.material
-    given = [("yield strength", ball.yield_strength, "Pa")] * (ball.yield_strength is not None)
-    resisted = [(name, getattr(packing, name), "k d^2") for name in ("torsion", "bending") if getattr(packing, name)]
-    return [
-        ("lattice", packing.structure.name, ""), ("diameter", packing.diameter, "m"),
-        ("spread", "none" if packing.spread is None else type(packing.spread).__name__.lower(), ""),
-        *([("width of the spread", packing.width, "m")] * (packing.spread is not None)),
-        ("Young modulus", ball.young_modulus, "Pa"), ("Poisson ratio", ball.poisson_ratio, ""),
-        ("density", ball.density, "kg/m^3"), *given, ("mass of a ball", packing.mass, "kg"),
-        ("friction", packing.friction, ""), ("shear over normal stiffness", packing.mindlin_ratio, ""),
-        ("motions", packing.named_motions.name.replace("_", " "), ""),
-        *resisted,
-    ]  # fmt: skip

@@ -50,8 +50,9 @@ def prefixed(value: float, unit: str) -> tuple[float, str]:
 
 def write_quantity(value: float, unit: str, digits: int = 5) -> str:
     """Text of a value in the SI unit ``unit``, with some ``digits`` and a decimal prefix, such as "8 mm"."""
-    size, name = prefixed(value, unit)
-    return f"{value / size:.{digits}g} {name}"
+    rounded = float(f"{value:.{digits}g}")  # 999.6 um are 1 mm, in three digits
+    size, name = prefixed(rounded, unit)
+    return f"{rounded / size:.{digits}g} {name}"
 
 
 def write_uncertain(value: float, error: float, unit: str) -> str:
@@ -167,13 +168,11 @@ class Units:
         """
         missing = [key for key in _INFO.values() if key not in info]
         if missing:
-            raise InputError(
-                message(
-                    f"the scales {', '.join(missing)} are missing",
-                    "Objects in reduced units carry their scales with them",
-                    "Make the object with granphon, or add the missing entries",
-                )
+            what, why = (
+                f"the scales {', '.join(missing)} are missing",
+                "Objects in reduced units carry their scales with them",
             )
+            raise InputError(message(what, why, "Make the object with granphon, or add the missing entries"))
         return cls(**{name: info[key] for name, key in _INFO.items()})
 
 

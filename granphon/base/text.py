@@ -466,13 +466,8 @@ def _digest_lines(lines: list[str]) -> str:
 
 def damage_error(path: str | os.PathLike[str], where: str) -> InputError:
     """The error for a damaged file: the digest that is found at ``where`` is not that of the data."""
-    return InputError(
-        message(
-            f"{path} was damaged, or edited after granphon wrote it",
-            f"Its digest ({where}) does not match its data",
-            "Make it again, or remove the digest to read it as it is",
-        )
-    )
+    what, why = f"{path} was damaged, or edited after granphon wrote it", f"Its digest ({where}) does not match its data"
+    return InputError(message(what, why, "Make it again, or remove the digest to read it as it is"))
 
 
 def warn_unverified(path: str | os.PathLike[str]) -> None:

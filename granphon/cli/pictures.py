@@ -171,7 +171,7 @@ def make_scene_page(
         direction = read.directions[0] if read.directions else None
         title = f"{first.packing.structure.name} lattice, {Path(scene).name}"
         with read.origin.at():
-            if first.medium.name == "crystal":
+            if first.packing.kind_names:
                 state: Any = first.medium.of(first.packing).at(first.load[0], finite_overlap=read.finite_overlap)
                 begins = "The scene has several states; this page is that of the first."
                 text = make_page(state.source, direction=direction, title=title, remarks=[begins] * (not read.is_single))

@@ -38,10 +38,9 @@ def write_preset(
       granphon init
       granphon init beads.yaml --preset glass
     """
-    from importlib.resources import files
-
     from granphon.base.staging import ResultFiles, write_text
     from granphon.base.text import closest
+    from granphon.scene import file
 
     if preset not in PRESETS:
         meant = closest(preset, PRESETS)
@@ -52,7 +51,7 @@ def write_preset(
             )
         )
     require_name("PATH", path)
-    texts = {name: (files("granphon") / "data" / f"{name}.yaml").read_text(encoding="utf-8") for name in PRESETS}
+    texts = {name: file.write_preset(name) for name in PRESETS}
     target = Path(path)
     with ResultFiles(target.parent, [target.name], force, known=texts.values()).open():
         write_text(target, texts[preset])
@@ -84,11 +83,10 @@ def check_scene(scene: SceneFile) -> None:
     warnings = [warning for _, warning in found] if read.is_single else label_warnings(found)
     read.to_yaml()  # raises now if a run could not write the scene
     rows += [("not checked yet", left)] if left else []
+    rows += [("will write", ", ".join(expected_files(read)))]
+    rows += [("will not draw", undrawn)] if (undrawn := tell_undrawn(read)) else []
     say(f"{scene} can be run.")
     say_table(rows)
-    rows = [("will compute", ", ".join(read.observe)), ("will write", ", ".join(expected_files(read)))]
-    undrawn = tell_undrawn(read)
-    say_table(rows + [("will not draw", undrawn)] * bool(undrawn))
     warn(warnings)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
@@ -83,7 +83,7 @@ def fit_measurements(
 
     require_name("--out", out)
     read = Scene.from_yaml(scene)
-    files = None if out is None else ResultFiles(out, FIT_FILES, force, inputs=(*read.inputs, data))
+    files = None if out is None else ResultFiles(out, FIT_FILES, force, inputs=(*read.origin.inputs, data))
     if files is not None:
         files.require_free()
     packing = _require_one_packing("A fit", scene, read)
@@ -126,7 +126,7 @@ def fit_measurements(
     )  # fmt: skip
 
     def figure(_: str) -> Any:
-        from granphon.figures.fits import fit_figure  # here, so that a failed import counts as a failed figure
+        from granphon.figures.curves import fit_figure  # here, so that a failed import counts as a failed figure
 
         return fit_figure(found)
 
@@ -200,7 +200,7 @@ def measure_tradeoff(
     require_workers(workers, scheduler)
     seconds = require("--budget", TIME.read, budget)
     read = Scene.from_yaml(scene)
-    files = None if out is None else ResultFiles(out, TRADEOFF_FILES, force, inputs=read.inputs)
+    files = None if out is None else ResultFiles(out, TRADEOFF_FILES, force, inputs=read.origin.inputs)
     if files is not None:
         files.require_free()
     packing = _require_one_packing("A trade-off", scene, read)
@@ -271,12 +271,10 @@ def _say_written(out: str | None, names: Sequence[str], failures: Mapping[str, s
 
 
 def _require_one_packing(what: str, scene: str, read: Scene) -> Packing:
-    from granphon.balls.packing import Packing
-
-    if not isinstance(read.packing, Packing):
+    if read.packing.kind_names:
         mend = "Describe balls of one kind by the blocks material and packing"
         raise InputError(message(f"{scene} has balls of several kinds", f"{what} is for one packing", mend))
     if read.parameters:
         swept = f"{scene} sweeps {', '.join(name for name, _ in read.parameters)}"
         raise InputError(message(swept, f"{what} is for one packing", "Leave the block 'sweep' out"))
-    return read.packing
+    return cast("Packing", read.packing)

@@ -73,7 +73,7 @@ def write_of_scene(scene: str, out: str, endings: Sequence[str], force: bool, on
         mend = f"Use {' or '.join(endings)}" if len(endings) > 1 else f"Give a name that ends in {endings[0]}"
         raise InputError(message(what, mend=mend))
     read = Scene.from_yaml(scene)
-    with ResultFiles(target.parent, [target.name], force, inputs=read.inputs).open() as locked:
+    with ResultFiles(target.parent, [target.name], force, inputs=read.origin.inputs).open() as locked:
         if one and not read.is_single:
             mend = "Keep one load, one medium, and no block 'sweep'"
             raise InputError(message(f"{scene} has many states", one, mend))

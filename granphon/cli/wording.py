@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
-from granphon.base.quantities import find_load_unit, load_quantities
 from granphon.base.scales import write_quantity, write_uncertain
 from granphon.base.text import counted
 
 if TYPE_CHECKING:
-    from granphon.balls.material import Material
-    from granphon.balls.packing import Packing
     from granphon.fits.fit import WidthFit
-    from granphon.media.arrangement import Arrangement, Balls
     from granphon.media.cost import Cost
     from granphon.scene.run import RunResult
     from granphon.scene.scene import Scene
@@ -37,74 +33,18 @@ def _flatten(value: Any) -> list[float]:
     return [x for one in plain for x in _flatten(one)] if isinstance(plain, Sequence) else [plain]
 
 
-def _describe_material(material: Material) -> str:
-    yields = "" if material.yield_strength is None else f", yields at {write_quantity(material.yield_strength, 'Pa')}"
-    elastic = f"E = {write_quantity(material.young_modulus, 'Pa')}, Poisson ratio {material.poisson_ratio:g}"
-    return f"{elastic}, {material.density:g} kg/m^3{yields}"
+def _write(value: Any, unit: str) -> str:
+    """Text of a value of a table: a length, force, pressure or stiffness with a decimal prefix, all else as it is."""
+    if unit in ("m", "Pa", "N", "N/m", "Hz"):
+        return write_range(value, unit)
+    from granphon.base.results import describe_value  # with numpy, which the help of a command does not need
 
-
-def _describe_contacts(balls: Balls) -> list[tuple[str, str]]:
-    """Return rows of what contacts resist besides compression and shear, and of the motions."""
-    given = {name: getattr(balls, name) for name in ("torsion", "bending")}
-    resists = [
-        f"{name} as Hertz contacts that do not slip" if isinstance(value, str) else f"{name}, {value:g} k d^2"
-        for name, value in given.items()
-        if value
-    ]
-    motions = [("motions", balls.motions.replace("_", " "))] if balls.motions else []
-    return [*([("contacts", f"resist {' and '.join(resists)}")] if resists else []), *motions]
-
-
-def _describe_packing(scene: Scene, loads: str) -> list[tuple[str, str]]:
-    packing = cast("Packing", scene.packing)
-    friction = "with friction" if packing.friction else "without friction"
-    same = " (the same for equal balls)" if not scene.balls_differ and len(scene.media) > 1 else ""
-    spread = "none"
-    if packing.width:  # W is the full width of a uniform spread; for others it is sqrt(12) times the rms deviation
-        form, half = type(packing.spread).__name__.lower(), write_quantity(packing.width / 2.0, "m")
-        rms = write_quantity(packing.width / math.sqrt(12.0), "m")
-        form_of_width = f"the mean +/- {half}" if form == "uniform" else f"sqrt(12) times the rms, {rms}"
-        spread = f"{form}, W = {write_quantity(packing.width, 'm')} ({form_of_width})"
-    return [
-        ("material", _describe_material(packing.material)),
-        ("packing", f"{packing.structure.name}, balls of {write_quantity(packing.diameter, 'm')}, {friction}"),
-        *_describe_contacts(packing),
-        ("spread", spread),
-        ("load", loads),
-        ("medium", ", ".join(choice.label for choice in scene.media) + same),
-    ]
-
-
-def _describe_crystal(scene: Scene, loads: str) -> list[tuple[str, str]]:
-    balls = cast("Arrangement", scene.packing)
-    rows, crystal = list[tuple[str, str]](), balls.crystal
-    for name, ball in ((name, ball) for name, ball in balls.kinds if name in crystal.names):
-        size = f"{write_quantity(ball.diameter, 'm')}, {write_quantity(1e3 * ball.mass, 'g')}"
-        rows.append((f"ball {name}", f"{size}; {_describe_material(ball.material)}"))
-    counts = ", ".join(f"{int((crystal.kind == number).sum())} {name}" for number, name in enumerate(crystal.names))
-    several = isinstance(balls.law, tuple)
-    law = "a law for each pair" if several else f"{type(balls.law).__name__} contacts"
-    friction = "with friction" if balls.friction else "without friction"
-    cuts = "".join(f"; {counted(layers, 'layer')}, {' and '.join(edges)}" for _, layers, edges in balls.cut)
-    cell = f"{crystal.name}, {counts} in the cell, {law}, {friction}{cuts}"
-    return [*rows, ("crystal", cell), *_describe_contacts(balls), ("load", loads)]
+    return f"{describe_value(value)} {unit.removeprefix('1')}".rstrip()
 
 
 def describe_scene(scene: Scene) -> list[tuple[str, str]]:
     """Rows that describe a scene: names, and values in readable units."""
-    packing, load = scene.packing, scene.load
-    frame = "" if load.balls_per_side is None else f" on each side, {load.balls_per_side} balls long"
-    frame += "" if load.gravity is None else f", with gravity {load.gravity:g} m/s^2"
-    unit, kind = (
-        find_load_unit(load.kind, packing.structure.periods, packing.structure.pressed_axes),
-        load.kind.replace("_", " "),
-    )
-    size = f"{write_range(load.values, unit)}{frame}"
-    if load.tensor is not None:
-        size += f", with the components {', '.join(f'{one:g}' for one in load.tensor)} in this unit"
-    count = len(load.values)
-    loads = f"{counted(count, kind, {'stress': 'stresses'}.get(kind, '')) + ',' if count > 1 else kind} {size}"
-    rows = _describe_packing(scene, loads) if hasattr(packing, "material") else _describe_crystal(scene, loads)
+    rows = [(name, _write(value, unit)) for name, value, unit in scene.describe()]
     if scene.is_single and scene.serving.chosen_automatically:
         serving = scene.serving
         error = float(serving.errors[0])
@@ -129,21 +69,6 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
     cost = scene.cost()
     if cost is not None:
         rows.append(("will take", describe_cost(cost)))
-    if scene.finite_overlap:
-        rows.append(("terms", "of the order of the overlap over the diameter are kept"))
-    if scene.direction is not None and "velocities" in scene.observe:
-        rows.append(("direction", " and ".join(write_direction(one) for one in scene.directions)))
-    if "bands" in scene.observe:
-        labels = f" ({' '.join(scene.path.labels)})" if scene.path.labels else ""
-        rows.append(("bands", f"{scene.path}{labels}, {scene.band_points} points in a segment"))
-    if "spectrum" in scene.observe:
-        rows.append(("spectrum", f"{', '.join(scene.spectrum.polarisation)}, {scene.spectrum.points} points in a segment"))
-    if scene.pulse is not None and "pulse" in scene.observe:
-        pulse = scene.pulse
-        periods = f"{pulse.cycles:g} period{'s' * (pulse.cycles != 1)}"
-        rows.append(("pulse", f"{write_quantity(pulse.frequency, 'Hz')}, {periods}, {pulse.polarisation}"))
-    if "dos" in scene.observe and scene.is_single:  # that of a sweep is of arrays
-        rows.append(("mesh", " x ".join(map(str, scene.grid))))
     return rows
 
 
@@ -168,7 +93,7 @@ def describe_result(result: RunResult) -> list[tuple[str, str]]:
                 values, errors = _flatten(numbers[name]), _flatten(error)
                 several = f"{said} +/- {write_range(errors, one.unit)}"
                 said = write_uncertain(values[0], errors[0], one.unit) if len(values) == 1 else several
-            rows.append((one.label.lower(), said + (along if one.unit == "m/s" else "")))
+            rows.append((one.label.lower(), said + (along if one.unit == "m/s" and one.cost != "surface" else "")))
     if (gaps := numbers.get("gaps")) is not None:
         widest = sorted(gaps, key=lambda one: one[0] - one[1])[:_MOST_GAPS]
         told = ", ".join(write_range(one, "Hz") for one in sorted(widest)) or "none"
@@ -210,27 +135,24 @@ def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
 
 
 def describe_tradeoff(result: TradeOff, periods: int) -> list[str]:
-    """Lines of the tables of a trade-off, one table for each study, of balls on a lattice of 1, 2 or 3 ``periods``."""
+    """Lines of the table of a trade-off, of balls on a lattice of 1, 2 or 3 ``periods``."""
+    from granphon.base.quantities import load_quantities  # with numpy, too
+
     heads = ("method", "knob", "error", "+/-", "runs", "time", "+/-", "set-up", "memory", "floor", "")
     loads = write_range(result.loads, load_quantities(periods)[result.kind].unit)
     runs = counted(result.runs, "warm run")
     lines = [f"errors at {counted(len(result.loads), 'load')}, {loads}; {runs} each"]
-    for study in result.studies:
-        rows: list[tuple[str, ...]] = [heads]
-        for point in result.of(study):
-            if point.failure and not point.seconds:
-                rows.append((point.method, point.knob, *[""] * 8, point.failure))
-                continue
-            times = [write_quantity(one, "s") if one else "0 s" for one in (point.seconds, point.spread, point.setup)]
-            error = f"{point.error:.2e}" if point.errors.size else "?"
-            found = (error, f"{point.stderr:.0e}" if point.stderr else "", str(point.draws), *times)
-            floor = f"{point.floor:.0e}"
-            rows.append((point.method, point.knob, *found, write_quantity(point.memory, "B"), floor, point.note))
-        widths = [max(len(row[i]) for row in rows) for i in range(len(heads))]
-        lines += ["", f"{study} (of {', '.join(result.observed[study])})"]
-        lines += [
-            "  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
-        ]
-        if study in result.references:
-            lines.append(f"  reference: {result.references[study]}")
+    rows: list[tuple[str, ...]] = [heads]
+    for point in result.points:
+        if point.failure and not point.seconds:
+            rows.append((point.method, point.knob, *[""] * 8, point.failure))
+            continue
+        times = [write_quantity(one, "s") if one else "0 s" for one in (point.seconds, point.spread, point.setup)]
+        error = f"{point.error:.2e}" if point.errors.size else "?"
+        found = (error, f"{point.stderr:.0e}" if point.stderr else "", str(point.draws), *times)
+        rows.append((point.method, point.knob, *found, write_quantity(point.memory, "B"), f"{point.floor:.0e}", point.note))
+    widths = [max(len(row[i]) for row in rows) for i in range(len(heads))]
+    lines += ["", f"media (of {', '.join(result.observed)})"]
+    lines += ["  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    lines += [f"  reference: {result.reference}"] * bool(result.reference)
     return [*lines, "", f"took {write_quantity(result.seconds, 's')} of {write_quantity(result.budget, 's')}"]

@@ -29,7 +29,7 @@ from granphon.dynamics.linalg import (
     graded_eigh,
     graded_svd,
     lapack_svd,
-    well_conditioned_values,
+    well_conditioned,
 )  # fmt: skip
 from granphon.dynamics.rows import WaveRows, bend, bend_slope
 
@@ -161,15 +161,22 @@ class Block:
         return values, self._turn_back(point, right)
 
     def find_frequencies(self, q: Array) -> Array:
-        """Find frequencies (n_q, n) alone, ascending; of many motions from D(q) where that loses no digits."""
+        """Find frequencies (n_q, n) alone, ascending."""
         if self.size <= MANY_COLUMNS:
             return self.solve(q)[0]
-        # in the plain frame: the tilted one keeps digits near Gamma, where these are not trusted
-        across = None if self.pushing is None else self.pushing.compute_rows(q)
-        values, trusted = well_conditioned_values(self._make_matrix(self.deforming.compute_rows(q), across))
+        _, values, _, trusted = self._solve_plainly(q, False)
         if not np.all(trusted):
             values[~trusted] = self._decompose(self._compute(q[~trusted]))[0]
         return values
+
+    def _solve_plainly(self, q: Array, vectors: bool) -> tuple[_Point, Array, NDArray[Any], NDArray[np.bool_]]:
+        """Return frequencies, and eigenvectors if wanted, of D(q) in the plain frame, and where that loses no digits.
+
+        The tilted frame keeps digits near Gamma, where these are not trusted.
+        """
+        across = None if self.pushing is None else self.pushing.compute_rows(q)
+        point = _Point(q, self.deforming.compute_rows(q), across)
+        return point, *well_conditioned(self._make_matrix(point.rows, across), self.free, vectors)
 
     def _turn_back(self, point: _Point, right: NDArray[Any]) -> NDArray[Any]:
         """Return vectors in terms of the motions of the frame."""
@@ -178,8 +185,16 @@ class Block:
 
     def solve_with_velocities(self, q: Array, along: Array) -> tuple[Array, NDArray[Any], Array]:
         """Find frequencies, eigenvectors and group velocities (n_q, n, p); resolve degenerate sets along ``along``."""
-        point = self._compute(q)
-        values, right = self._decompose(point)
+        if self.size > MANY_COLUMNS and len(q) > 1:  # one by one, as matrices are large
+            each = [self.solve_with_velocities(q[k : k + 1], along[k : k + 1]) for k in range(len(q))]
+            values, right, velocities = (np.concatenate(parts) for parts in zip(*each, strict=True))
+            return values, right, velocities
+        trusted = np.zeros(1, bool)
+        if self.size > MANY_COLUMNS:
+            point, values, right, trusted = self._solve_plainly(q, True)
+        if not np.all(trusted):
+            point = self._compute(q)
+            values, right = self._decompose(point)
         slopes = _Slopes(self, point, values)
         joined = values[:, 1:] - values[:, :-1] <= _DEGENERATE * values[:, 1:]
         if np.any(joined):
@@ -366,8 +381,9 @@ class _Slopes:
         else:
             one = 0.0
             for rows, slope, half in self.kinds:
-                left = (rows[points] @ vectors).conj().swapaxes(1, 2) * (along @ half.T)[:, None]
-                one = one + left @ (slope[points] @ vectors)
+                if len(points) < len(rows):
+                    rows, slope = rows[points], slope[points]
+                one = one + (rows @ vectors).conj().swapaxes(1, 2) * (along @ half.T)[:, None] @ (slope @ vectors)
         return np.asarray(one + one.conj().swapaxes(1, 2))
 
     def compute_gradients(self, vectors: NDArray[Any]) -> Array:

@@ -30,6 +30,8 @@ GYRATION = float(1.0 / np.sqrt(10.0))
 _FARTHEST = 1e15
 #: most memory of a wave vector, bytes
 MOST_BYTES = 2**33
+#: distance, over the size of the cell, up to which balls are at one place
+_PLACE = 1e-9
 #: relative difference of vectors that are equal but for rounding
 _ALIKE = 8.0 * float(np.finfo(np.float64).eps)
 
@@ -243,13 +245,17 @@ class Compatibility:
 
         In this frame the long-wave motion is one column, of half-angle sines, instead of a difference between n columns.
         """
-        weights = np.sqrt(self.masses / self.masses.sum())
-        basis = np.eye(self.n_balls)
-        basis[:, 0] = weights
+        return self._complete(np.sqrt(self.masses / self.masses.sum()))
+
+    @staticmethod
+    def _complete(first: Array) -> Array:
+        """Return an orthogonal matrix (n, n) of this first column."""
+        basis = np.eye(len(first))
+        basis[:, 0] = first
         frame, _ = np.linalg.qr(basis)
         # each column is normal to the balls before its own, the first apart; rounding would couple it to their contacts
         frame[1:, 1:] = np.tril(frame[1:, 1:])
-        return np.asarray(frame * np.sign(frame[0, 0] * weights[0]))
+        return np.asarray(frame * np.sign(frame[0, 0] * first[0]))
 
     def compatibility(self, wavevectors: ArrayLike, derivative: bool = False) -> NDArray[Any]:
         """Return K^1/2 C(q) M^-1/2 at each wave vector.
@@ -293,14 +299,14 @@ class Compatibility:
             rows, stiffness = self.rows, self.stiffness
         return rows, np.sqrt([row.stiffness * stiffness for row in rows]).reshape(len(rows), len(self.contacts))
 
-    def _combine_ends(self, rows: list[Row], root: Array) -> tuple[Array, Array]:
-        """Return the difference and the sum of the effects of each motion of the frame at the two ends of each contact.
+    def _combine_ends(self, rows: list[Row], root: Array, frame: Array | None = None) -> tuple[Array, Array]:
+        """Return the difference and the sum of the effects of each motion of a frame at the two ends of each contact.
 
         Both are (kinds, n_c, n_branches), and multiplied by ``root``. The difference is the deformation at q = 0; for
         displacements of the centre of mass it is exactly zero.
         """
         self.require_memory()
-        motion = self._frame / np.sqrt(self.masses)[:, None]
+        motion = (self._frame if frame is None else frame) / np.sqrt(self.masses)[:, None]
         motion[:, 0] = 1.0 / np.sqrt(self.masses.sum())
         motion = np.pad(motion, ((0, 1), (0, 0)))  # the last is a body that does not move
         shape = (len(rows), len(self.contacts), 1, self.motions.count)
@@ -309,16 +315,17 @@ class Compatibility:
         gap, total = (root[:, :, None, None] * both for both in (head - tail, head + tail))
         return gap.reshape(*root.shape, self.n_branches), total.reshape(*root.shape, self.n_branches)
 
-    def _make_waves(self, prestress: bool = False) -> WaveRows:
+    def _make_waves(self, prestress: bool = False, frame: NDArray[Any] | None = None) -> WaveRows:
         """Return rows of C(q), real for one ball in the cell; with ``prestress`` those of displacements across contacts."""
         # For a motion z exp(i q.r) a row is cos(half angle) times the difference of the two ends plus i sin(half angle)
         # times their sum. Rotations and rows are divided by i. Then both terms are real for one ball in the cell, because
         # the difference vanishes for a displacement, and the sum for the rotation in a slip. Rows of rotations alone (twist,
         # roll) are divided by i once more.
         rows, root = self._weight_rows(prestress)
-        gap, total = self._combine_ends(rows, root)
+        given = self._frame if frame is None else frame
+        gap, total = self._combine_ends(rows, root, given.real + given.imag)
         of_rows = np.array([-1.0 if row.kind in ("twist", "roll") else -1.0j for row in rows])[:, None, None]
-        phase = of_rows * np.tile(self.motions.phases, self.n_balls)
+        phase = of_rows * np.kron(np.where(np.any(given.imag, axis=0), 1.0j, 1.0), self.motions.phases)
         odd, even = 1j * phase * total, phase * gap
         half = 0.5 * self.contacts.vector[:, : self.periods]
         # the arms of a contact differ, or a body that does not move holds the ball, where one ball has complex rows
@@ -331,42 +338,78 @@ class Compatibility:
         return self._make_waves()
 
     @cached_property
-    def _images(self) -> tuple[NDArray[np.intp], NDArray[np.intp]] | None:
-        """Indices of contacts and of their images, if inversion about each ball leaves the lattice the same; else None.
+    def _images(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]] | None:
+        """An inversion that leaves the lattice the same, if there is one: the image of each ball, contacts, their images.
 
-        The image of a contact joins the same two balls with the opposite vector. A contact of a ball with its own periodic
-        image is its own image, and is left out.
+        The image of a contact i, j joins the images of j and i by the same vector. A contact that is its own image is left
+        out.
         """
-        table = self.contacts
-        # as seen from the ball of lower index: quantities equal for a contact and its image, and those of opposite sign
-        turned = (table.i > table.j)[:, None]
-        ends = np.sort(np.stack([table.i, table.j], axis=1), axis=1)
-        arms = np.where(turned, np.stack([table.arm_j, table.arm_i], axis=1), np.stack([table.arm_i, table.arm_j], axis=1))
-        ratios = [np.broadcast_to(one, len(table)) for one in (self.mindlin_ratio, self.torsion, self.bending)]
-        same = np.column_stack([ends, arms, self.stiffness, self.prestress, *ratios])
-        opposite = np.where(turned, -1.0, 1.0) * np.column_stack([table.vector, table.normal])
-        left, first, image = ends[:, 0] != ends[:, 1], [], []
-        if np.any(~left & (np.abs(arms[:, 0] - arms[:, 1]) > _ALIKE * np.abs(arms[:, 0]))):
+        table, p, n = self.contacts, self.periods, self.n_balls
+        if self.is_held or not len(table):
             return None
-        while np.any(left):
-            c = int(np.argmax(left))
-            left[c] = False
-            inverted = np.all(np.abs(opposite + opposite[c]) <= _ALIKE * np.max(np.abs(opposite[c])), axis=1)
-            alike = np.all(np.abs(same - same[c]) <= _ALIKE * np.abs(same[c]), axis=1)
-            others = np.flatnonzero(left & inverted & alike)
-            if not others.size:
-                return None
-            left[others[0]] = False
-            first.append(c)
-            image.append(int(others[0]))
-        return np.array(first, np.intp), np.array(image, np.intp)
+        size, inverse = np.abs(self.positions).max() + np.abs(self.cell).max(), np.linalg.inv(self.cell[:, :p])
+        ratios = [np.broadcast_to(one, len(table)) for one in (self.mindlin_ratio, self.torsion, self.bending)]
+        same = np.column_stack([table.arm_i, table.arm_j, self.stiffness, self.prestress, *ratios])
+        opposite = np.column_stack([table.vector, table.normal])
+        # centres are rounded as far as they lie from the origin
+        rounding = _ALIKE * np.repeat([max(size, 1.0), 1.0], [table.vector.shape[1], table.normal.shape[1]])
+        keys = np.column_stack([table.i, table.j, table.shift]).tolist()
+        places = {tuple(key): c for c, key in enumerate(keys)}
+        balls = np.column_stack([self.masses, self.gyration])
+        for first in np.flatnonzero(np.all(np.abs(balls - balls[0]) <= _ALIKE * balls, axis=1)):
+            # ball i comes to lie at its image, but for whole vectors of the cell
+            target = self.positions[0] + self.positions[first] - self.positions
+            for some in (slice(min(n, 4)), slice(n)):
+                apart = target[some, None] - self.positions
+                cells = np.rint(apart[..., :p] @ inverse)
+                error = np.max(np.abs(apart - cells @ self.cell), axis=2)
+                image = np.argmin(error, axis=1)
+                if np.any(error[np.arange(len(image)), image] > _PLACE * size):
+                    break
+            else:
+                across = cells[np.arange(n), image].astype(np.intp)
+                if np.any(np.abs(balls[image] - balls) > _ALIKE * balls) or np.any(image[image] != np.arange(n)):
+                    continue
+                i, j, shift = image[table.j], image[table.i], table.shift + across[table.i] - across[table.j]
+                wanted, turned = np.column_stack([i, j, shift]).tolist(), np.column_stack([j, i, -shift]).tolist()
+                straight = np.array([places.get(tuple(key), -1) for key in wanted])
+                found = np.where(straight < 0, [places.get(tuple(key), -1) for key in turned], straight)
+                if np.any(found < 0) or np.any(found[found] != np.arange(len(table))):
+                    continue
+                sign, swapped = np.where(straight < 0, -1.0, 1.0)[:, None], same.copy()
+                swapped[straight >= 0, :2] = same[straight >= 0, 1::-1]
+                differs = np.abs(swapped[found] - same) > _ALIKE * np.abs(same)
+                if np.any(differs) or np.any(np.abs(sign * opposite[found] - opposite) > rounding):
+                    continue
+                chosen = np.flatnonzero(found > np.arange(len(table)))
+                return image, chosen, found[chosen]
+        return None
+
+    @cached_property
+    def _wave_frame(self) -> NDArray[Any]:
+        """(n, n) unitary frame of vibrations: :attr:`_frame`, or where balls are images of others, even and odd motions.
+
+        The first column is the motion of the centre of mass in both. Odd ones are multiplied by i, so that rows of a contact
+        and of its image are complex conjugates.
+        """
+        n = self.n_balls
+        if self._images is None or np.array_equal(self._images[0], np.arange(n)):
+            return self._frame
+        image = self._images[0]
+        fixed, pair = np.flatnonzero(image == np.arange(n)), np.flatnonzero(image > np.arange(n))
+        unit, count = np.eye(n), len(pair)
+        even = np.concatenate([unit[:, fixed], np.sqrt(0.5) * (unit[:, pair] + unit[:, image[pair]])], axis=1)
+        frame = np.zeros((n, n), complex)
+        frame[:, : n - count] = even @ self._complete(even.T @ np.sqrt(self.masses / self.masses.sum()))
+        frame[:, n - count :] = 1j * np.sqrt(0.5) * (unit[:, pair] - unit[:, image[pair]])
+        return frame
 
     @cached_property
     def _wave_contacts(self) -> NDArray[np.intp]:
         """(n_c,) index of the contact whose half angle each row of :attr:`_deforming` contains."""
         found = np.arange(len(self.contacts))
         if self._images is not None:
-            first, image = self._images
+            _, first, image = self._images
             found[image] = first
         return found
 
@@ -376,10 +419,10 @@ class Compatibility:
         The row of an image is plus or minus the complex conjugate of the contact's row. Both are replaced by 2^1/2 times the
         real part and 2^1/2 times the imaginary part of one.
         """
-        waves = self._make_waves(prestress)
+        waves = self._make_waves(prestress, self._wave_frame)
         if self.n_balls == 1 or self._images is None:
             return waves
-        first, image = self._images
+        _, first, image = self._images
         paired = np.ones((len(self.contacts), 1))
         paired[[first, image]] = np.sqrt(2.0)
         odd, even = waves.odd.real * paired, waves.even.real * paired
@@ -423,7 +466,7 @@ class Compatibility:
     @cached_property
     def _to_balls(self) -> NDArray[np.complex128]:
         """(n_branches, n_branches) transformation from the frame, with rotations divided by i, to each ball's motions."""
-        return np.asarray(np.kron(self._frame, np.diag(self.motions.phases)), complex)
+        return np.asarray(np.kron(self._wave_frame, np.diag(self.motions.phases)), complex)
 
     def dynamical_matrix(self, wavevectors: ArrayLike) -> NDArray[np.complex128]:
         """Return the Hermitian D(q) = M^-1/2 C^H K C M^-1/2, (n_q, n_branches, n_branches), in units of k/M.

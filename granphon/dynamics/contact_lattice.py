@@ -12,7 +12,7 @@ import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,13 +23,16 @@ from granphon.balls.layers import find_axes
 from granphon.balls.motions import Motions, allowed_motions
 from granphon.base.errors import InputError, InstabilityError, message
 from granphon.base.results import Result, read_only
+from granphon.base.threads import share_out, single_products
 from granphon.base.validation import not_negative, positive, real_array
 from granphon.dynamics.blocks import Block, find_blocks
 from granphon.dynamics.compatibility import as_wavevectors
+from granphon.dynamics.linalg import MANY_COLUMNS
 from granphon.dynamics.long_waves import LongWaves
 from granphon.networks.network import ContactNetwork
 
 Array = NDArray[np.float64]
+_Found = TypeVar("_Found")
 #: |q|d at which modes are computed for their limits at Gamma; nearer to it, each branch is a power of |q|
 _NEAR_GAMMA = 1e-30
 #: |q|d at which the branches that are zero at Gamma are told apart
@@ -197,7 +200,7 @@ class ContactLattice(LongWaves):
         Raises :class:`~granphon.base.errors.InstabilityError` if prestress makes a squared frequency negative.
         """
         q, _ = self._fold(wavevectors)
-        values = np.concatenate([self._solve(q[part]) for part in self._split(len(q))])
+        values = np.concatenate(self._share_out(lambda part: self._solve(q[part]), len(q)))
         faint = _is_faint(q)
         if np.any(faint):
             near = _NEAR_GAMMA * as_direction(q[faint], self.periods)
@@ -240,7 +243,7 @@ class ContactLattice(LongWaves):
             raise InputError(
                 message("modes at Gamma need a direction", "Group velocities there depend on it", "Give direction")
             )
-        parts = [self._find_modes(asked[part], along[part]) for part in self._split(len(asked))]
+        parts = self._share_out(lambda part: self._find_modes(asked[part], along[part]), len(asked))
         return Modes(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
     def _find_modes(self, asked: Array, along: Array) -> tuple[NDArray[Any], ...]:
@@ -311,10 +314,18 @@ class ContactLattice(LongWaves):
         motion = (self._to_balls @ vectors[place, :, 0]).reshape(self.n_balls, -1)[:, self.motions.translating]
         return self.explain_buckling(where, motion.T)
 
-    def _split(self, count: int) -> list[slice]:
-        """Return slices of ``count`` wave vectors, each small enough for the memory (about 64 MB an array)."""
+    def _share_out(self, find: Callable[[slice], _Found], count: int) -> list[_Found]:
+        """Return what is found of slices of ``count`` wave vectors, each small enough for the memory (about 64 MB an array).
+
+        Those of large cells are found on all processors.
+        """
         size = max(1, int(4e6 / (2 * len(self.contacts) * self.n_branches)))
-        return [slice(start, start + size) for start in range(0, max(count, 1), size)]
+        parts = [slice(start, start + size) for start in range(0, max(count, 1), size)]
+        if self.n_branches <= MANY_COLUMNS:
+            return [find(part) for part in parts]
+        _ = self._blocks  # once, not in each thread
+        with single_products():
+            return share_out(find, parts)
 
     # -- motions that nothing joins to others -----------------------------------------------------------------------------
 
@@ -325,7 +336,7 @@ class ContactLattice(LongWaves):
         effects = [waves.find_effects() for waves in kinds]
         joined = np.concatenate([effect.reshape(-1, self.n_branches) for effect in effects])
         motions, p = self.motions, self.periods
-        weights = self._frame * np.sqrt(self.masses / self.masses.sum())[:, None]
+        weights = self._wave_frame.conj() * np.sqrt(self.masses / self.masses.sum())[:, None]
         found = []
         for columns in find_blocks(joined):
             own = [np.asarray(effect[..., columns].any(axis=2)) for effect in effects]
@@ -453,7 +464,7 @@ class ContactLattice(LongWaves):
             off = place - self.masses @ place / self.masses.sum()
             moved = np.concatenate([1.0j * np.cross([1.0, 0.0, 0.0], off), self.gyration[:, None] * np.eye(3)[:1]], axis=1)
             chosen = [*self.motions.translations, *(3 + axis for axis in self.motions.rotations)]
-            turned = (self._frame * np.sqrt(self.masses)[:, None]).T @ moved[:, chosen]
+            turned = (self._wave_frame.conj() * np.sqrt(self.masses)[:, None]).T @ moved[:, chosen]
             rigid = np.column_stack([rigid, turned.ravel() / max(float(np.linalg.norm(turned)), np.finfo(float).tiny)])
         total = 0
         for block in self._blocks:

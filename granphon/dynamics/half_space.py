@@ -20,10 +20,12 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.base.errors import GranphonError, InputError, message
+from granphon.base.validation import real_array
+from granphon.dynamics.bloch_waves import Couplings
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.rows import contact_rows, push_rows
 from granphon.networks.network import ContactNetwork
@@ -54,6 +56,12 @@ _TWICE, _POLISHED = 1e-9, 1e-14
 _IN_BAND, _NEWTON, _SETTLED = 48, 12, 1e-8
 #: phases from block to block at which the topology is found, and a determinant, over the size of its rows, that is zero
 _PHASES, _SINGULAR = 256, 1e-12
+#: -w, over the highest w, at which motions that cost nothing are told from others, and their least energy on top
+_FREE, _ON_TOP_FREE = 1e-10, 1e-3
+#: places of the points through which S is continued, over their unit
+_NODES = np.arange(-3.0, 4.0)
+#: last term of the polynomial, over the linear one, up to which it has converged
+_TAIL = 1e-5
 #: half width over frequency up to which a resonance is a leaky wave, and its least energy on top
 _NARROW, _ON_TOP = 0.05, 0.02
 
@@ -76,7 +84,10 @@ class HalfSpace:
         self.network, self.edge, self.units = network, edge, network.scales
         self.layers = network.layers_across(axis)
         periods, p, d = np.flatnonzero(network.pbc), len(self.layers.cell), network.dimension
-        reach = int(np.max(np.abs(self.layers.split(network.shift[:, periods])[1]), initial=0))
+        _, shift = self.layers.gather(
+            network.positions[:, :d], network.i, network.j, network.shift[:, periods], np.isinf(network.radii)
+        )
+        self.reach = reach = int(np.max(np.abs(self.layers.split(shift)[1]), initial=0))
         if not reach:
             raise InputError(message("no contact joins the layers", "Each would have its own waves", "Choose another axis"))
         self.cut = cut = network.cut(axis, 4 * reach + 1 + (edge == "clamped"), (edge, "free"))
@@ -119,7 +130,12 @@ class HalfSpace:
         columns = 3 * self.size // count
         self._matrix: Array = matrix[:, :, :, :columns].reshape(len(steps), -1, 3 * self.size)
         self._stiff: Array = np.concatenate([np.broadcast_to(one, len(spring))[kept] for one in stiff])
-        self._whole = np.tile(lower[kept] == 1, len(rows))
+        upper = np.maximum(number[cut.i], number[cut.j]) // (reach * self.per_layer)
+        self._whole, self._crossing = (
+            np.tile(one[kept], len(rows))
+            for one in (lower == 1, (lower == 0) & (upper == 1) & moving[cut.i] & moving[cut.j])
+        )
+        self._kinds = np.repeat([row.kind for row in rows], len(kept))
 
     def blocks(self, q: Array) -> tuple[Complex, Complex, Complex]:
         """Return E_0, E and A, (n_q, size, size), at wave vectors q (n_q, p - 1) in fractions of the reciprocal cell."""
@@ -128,6 +144,52 @@ class HalfSpace:
         rows: Complex = np.asarray(np.tensordot(phase, self._matrix[:, :, : 2 * size], 1), complex)
         whole = rows.conj().swapaxes(1, 2) @ (self._stiff[:, None] * rows)
         return whole[:, :size, :size], whole[:, size:, size:], whole[:, :size, size:]
+
+    def couplings(self, q: Array, elongation: ArrayLike = 1.0, other: ArrayLike = 1.0) -> Couplings:
+        """Return the blocks at one wave vector q (p - 1,); contacts are as many times as stiff.
+
+        The factors, of elongation and of all other deformations, are numbers or (n_f,), and complex where energy is lost.
+        """
+        size = self.size
+        rows = np.tensordot(np.exp(2.0j * np.pi * (self._steps @ q)), self._matrix[:, :, : 2 * size], 1)
+        factors = {"elongation": np.asarray(elongation), "push": np.asarray(1.0)}
+        parts: list[Any] = []
+        for chosen in (slice(None), self._crossing):
+            found: Any = 0.0
+            for kind in np.unique(self._kinds):
+                part = (self._kinds == kind)[chosen]
+                some, stiff = rows[chosen][part], self._stiff[chosen][part]
+                factor = factors.get(kind, np.asarray(other))
+                found = found + factor[..., None, None] * (some.conj().T @ (stiff[:, None] * some))
+            parts.append(found)
+        whole, cross = parts
+        return Couplings(
+            whole[..., size:, size:], cross[..., :size, :size], cross[..., size:, size:], whole[..., :size, size:],
+            whole[..., size:, :size],
+        )  # fmt: skip
+
+    def read_wavevector(self, q: ArrayLike) -> Array:
+        """Return one wave vector along the edge (p - 1,), zero if () is given; raises InputError for another shape."""
+        p, given = len(self.layers.cell), real_array("q", q)
+        if given.shape not in ((p,), (0,)) or not np.all(np.isfinite(given)):
+            raise InputError(message(f"q has the shape {given.shape}", mend=f"Give ({p},) fractions, along the layers"))
+        return given if given.size else np.zeros(p)
+
+    def wavenumbers(self, factors: Complex, q: Array) -> Complex:
+        """Return wave numbers across the edge, 1/m, of motions that change by ``factors`` from layer to layer.
+
+        The wave vector along the edge is q (p - 1,).
+        Their real parts are within half of the period 2 pi over the height of a layer.
+        """
+        p = len(q)
+        beside = np.linalg.solve(self.layers.cell[:, :p].T, self.layers.stack[:p]) @ q
+        real = (np.angle(factors) / (2.0 * np.pi) - beside + 0.5) % 1.0 - 0.5
+        return (2.0 * np.pi * real - 1j * np.log(np.abs(factors))) / self.height
+
+    @property
+    def height(self) -> float:
+        """Height of a layer, m."""
+        return float(self.layers.stack[len(self.layers.cell)])
 
     @cached_property
     def highest(self) -> float:
@@ -297,6 +359,18 @@ class HalfSpace:
         table = np.array(found).reshape(-1, 3)
         return EdgeWaves(table[:, 0].astype(np.intp), table[:, 1].astype(complex), table[:, 2])
 
+    def find_free_motions(self, q: Array) -> EdgeWaves:
+        """Find motions of the outer layers that cost nothing at q (n_q, p - 1), by the part of their energy on top.
+
+        Towards w = 0 from below, -w times the Green's function becomes the matrix of the outer parts of all such motions,
+        whose eigenvalues are these parts; others go as w, or as its root where a band reaches zero.
+        """
+        w = np.full(len(q), -_FREE * self.highest, complex)
+        green = np.linalg.inv(self.inverse_green(q, np.arange(len(q)), w))
+        parts = np.linalg.eigvalsh(w[:, None, None] * 0.5 * (green + green.conj().swapaxes(1, 2)))
+        place, branch = np.nonzero(parts > _ON_TOP_FREE)
+        return EdgeWaves(place, np.zeros(len(place), complex), np.asarray(parts[place, branch], float))
+
     def find_leaky_waves(self, q: Array) -> EdgeWaves:
         """Find narrow resonances within bands at q (n_q, p - 1), from S + dw S' on the real axis: leaky waves."""
         place, gap = self._find_gaps(q, inside=True)
@@ -337,7 +411,30 @@ class HalfSpace:
         fresh = np.ones(len(kept), bool)
         fresh[1:] = (np.diff(place[kept]) > 0) | (np.diff(w[kept]) > 10.0 * _SETTLED * top)
         kept = kept[fresh]
-        return EdgeWaves(place[kept], w[kept] + 1j * shift[kept].imag, weight[kept])
+        return EdgeWaves(place[kept], self._find_poles(q, place[kept], w[kept] + 1j * shift[kept].imag), weight[kept])
+
+    def _find_poles(self, q: Array, place: Index, roots: Complex) -> Complex:
+        """Return the roots of S nearest to ``roots`` (n,) below the real axis, onto which S is continued by a polynomial.
+
+        Roots so near to a place where the velocity of a bulk wave across the edge vanishes that the last term of the
+        polynomial is felt stay as they are.
+        """
+        n, size, top = len(roots), self.size, self.highest
+        nearest = np.min(np.abs(self.bands(q).reshape(len(q), -1)[place] - roots.real[:, None]), axis=1)
+        unit = np.minimum(np.maximum(np.abs(roots.imag), _STEP * top), nearest / 3.0)
+        at = (roots.real + unit * _NODES[:, None]).ravel() + 1j * _DAMPED * top
+        values = self.inverse_green(q, np.tile(place, len(_NODES)), at).reshape(len(_NODES), n, size, size)
+        parts = np.einsum("kj,jnab->knab", np.linalg.inv(np.vander(_NODES, increasing=True)), values)
+        powers, t = np.arange(len(_NODES)), (1j * (roots.imag - _DAMPED * top)) / unit
+        for _ in range(_NEWTON):
+            slope = np.einsum("kn,knab->nab", powers[1:, None] * t ** powers[:-1, None], parts[1:])
+            steps = np.linalg.eigvals(np.linalg.solve(slope, -np.einsum("kn,knab->nab", t ** powers[:, None], parts)))
+            step = steps[np.arange(n), np.argmin(np.abs(steps), axis=1)]
+            t = t + step
+        tail = np.linalg.norm(parts[-1], axis=(1, 2)) / np.linalg.norm(parts[1], axis=(1, 2)) * np.abs(t) ** (len(parts) - 2)
+        good = (tail <= _TAIL) & (np.abs(step) <= _SETTLED) if n else np.zeros(0, bool)
+        found = roots.real + unit * t + 1j * _DAMPED * top
+        return np.where(good, found.real + 1j * np.minimum(found.imag, 0.0), roots)
 
     # -- topology ----------------------------------------------------------------------------------------------------------
 

@@ -156,13 +156,18 @@ def _decompose(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     return values, right
 
 
-def well_conditioned_values(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def well_conditioned(
+    matrices: NDArray[Any], free: int = 0, vectors: bool = False
+) -> tuple[NDArray[np.float64], NDArray[Any], NDArray[np.bool_]]:
     """Find the square roots of the eigenvalues of matrices A^H A (n_matrices, n, n), ascending, and which of them to trust.
 
-    The second array is (n_matrices,): whether all roots have errors below 1e-11, as the least is not far below the largest.
+    The second array holds the eigenvectors, as columns, if they are wanted; the last is (n_matrices,): whether all roots
+    have errors below 1e-11, as the least is not far below the largest. The ``free`` lowest are known to be zero.
     """
-    squares = np.linalg.eigvalsh(matrices)
-    return np.sqrt(np.maximum(squares, 0.0)), np.asarray(squares[:, 0] > _WELL_ABOVE * squares[:, -1])
+    squares, right = np.linalg.eigh(matrices) if vectors else (np.linalg.eigvalsh(matrices), matrices)
+    squares[:, :free] = 0.0
+    trusted = squares[:, min(free, squares.shape[1] - 1)] > _WELL_ABOVE * squares[:, -1]
+    return np.sqrt(np.maximum(squares, 0.0)), right, trusted
 
 
 def lapack_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
@@ -308,7 +313,7 @@ def find_rank(rows: NDArray[Any]) -> int:
     for axis in (0, 1):
         length = np.linalg.norm(rows, axis=axis, keepdims=True)
         rows = rows / np.where(length > 0.0, length, 1.0)
-    if rows.shape[1] > MANY_COLUMNS and well_conditioned_values((rows.conj().T @ rows)[None])[1][0]:
+    if rows.shape[1] > MANY_COLUMNS and well_conditioned((rows.conj().T @ rows)[None])[2][0]:
         return int(rows.shape[1])
     values = np.linalg.svd(rows, compute_uv=False) if rows.size else np.zeros(1)
     return int(np.count_nonzero(values > _DEPENDENT * max(values[0], 1.0)))

@@ -1,39 +1,73 @@
-"""Curves of figures over the load: how a data set holds them, what they are in words, and how they are drawn.
+"""Figures over the load: curves of sweeps, states, fits and data; and bands, or densities of states, one over the other.
 
-A data set of a sweep has a curve for each medium, combination of parameters and direction.
+As in :mod:`granphon.figures.bands`, every function that takes an Axes draws on it and returns it. A data set of a sweep has
+a curve for each medium, combination of parameters and direction. In the figure of a sweep each medium has a colour, and each
+combination of parameters a shade of it. In that of several results each curve has a look of its own; what all share stands
+in the title, and the legend says in words what each has of its own. A line is dashed where its medium is not valid.
 """
 
 from __future__ import annotations
 
+import itertools
 import json
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granphon.figures.scales import name_axis, scale_axis
+from granphon.figures.scales import add_legend, name_axis, scale_axis, styled_figure
 
+import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from granphon.balls.lattices import find_lattice
+from granphon.balls.loads import force_of_frame
 from granphon.balls.packing import Packing
-from granphon.base.errors import FigureError, InputError, message
+from granphon.base.errors import FigureError, InputError, brief, message
 from granphon.base.quantities import LOAD_KINDS
 from granphon.base.results import restore
-from granphon.figures.style import COLOURS, readable_unit
-from granphon.figures.words import MEDIA, describe_medium, describe_overlap, describe_parameter, list_facts
-from granphon.media.arrangement import Arrangement
+from granphon.base.scales import HertzPrefix, write_uncertain
+from granphon.base.text import closest
+from granphon.figures.bands import name_corners
+from granphon.figures.style import COLOURS, GUIDE, STYLE, VERMILION, pick_evenly, print_hertz
+from granphon.figures.words import (
+    MEDIA,
+    describe_medium,
+    describe_overlap,
+    describe_parameter,
+    find_differing,
+    join_facts,
+    list_facts,
+    write_value,
+)
+from granphon.fits.fit import WidthFit
+from granphon.fits.measurements import Measurements
 from granphon.media.choice import AutoMedium
 from granphon.media.simulation import DirectSimulation
-from granphon.observables.catalogue import axis_label
-from granphon.runs.dataset import list_finite_overlap
+from granphon.observables.catalogue import CATALOGUE, axis_label
+from granphon.phonons.bands import Bands
+from granphon.phonons.dos import DensityOfStates
+from granphon.runs.dataset import find_dataset, list_finite_overlap, tabulate
 
 if TYPE_CHECKING:
     from granphon.runs.dataset import Dataset
 
 
+#: letters of a line of the legend of a fit
+_FIT_LETTERS = 28
+#: how measured points are drawn
+_DATA_STYLE: dict[str, Any] = {
+    "fmt": "o", "color": "black", "markersize": 2.6, "elinewidth": 0.7, "capsize": 0.0, "zorder": 2.0,
+}  # fmt: skip
 Array = NDArray[np.float64]
 #: the largest number on an axis; matplotlib overflows where it draws margins and ticks beyond
 _LARGEST = 1e280
@@ -53,7 +87,91 @@ _HOLLOW = {"markerfacecolor": "white"}
 #: sizes of marks: of points, of those that say which medium served, and of those that are reached by a fall of the load
 _SIZE, _SERVING_SIZE, _FALL_SIZE = 3.0, 3.6, 5.0
 #: what points have in a legend, but colour and mark
-POINTS: dict[str, Any] = {"markersize": _SIZE, "linestyle": "none"}
+_POINTS: dict[str, Any] = {"markersize": _SIZE, "linestyle": "none"}
+#: rows of the legend for which a figure of a sweep has room, and the most combinations that it names
+_LEGEND_ROWS, _MOST_NAMED = 4, 8
+#: names that stand nearer than this one above the other, over the height of the axes, are written in one
+_APART = 0.06
+#: the velocity of pulses through simulated arrays
+_PULSE = "pulse_velocity"
+#: the velocities that a sweep may have, with their symbols
+_VELOCITIES = {
+    "transverse": "$v_T$", "transverse_slow": "$v_{T1}$", "transverse_fast": "$v_{T2}$", "longitudinal": "$v_L$",
+    _PULSE: "velocity of pulses",
+}  # fmt: skip
+#: of the two transverse waves in space the fast one has an ordinary line, the slow one is dash-dotted; points differ too
+_SLOW = "transverse_slow"
+_SLOW_DASHES = (6.0, 1.5, 1.0, 1.5)
+_VELOCITY_MARKERS = {_SLOW: "v", "transverse_fast": "^", _PULSE: "s"}
+#: letters of a line of a legend, and of a title, in a column
+_LETTERS, _TITLE_LETTERS = 50, 60
+#: width of a letter over the size of the font; length of a handle in a legend that shows dashes, in letters
+_LETTER, _LONG_HANDLE = 0.55, 2.8
+#: height of a figure without legend and title, in inches
+_HEIGHT = 2.5
+#: marks of measured points, which are black
+_DATA_MARKS = ("o", "s", "^", "D", "v", "P")
+#: what may be on the axis of loads
+_LOADS = ("force", "pressure", "overlap", "reduced_force")
+#: what is drawn if nothing is said: the first of these that all runs hold
+_FIRST = ("longitudinal", "transverse", "transverse_fast", "transverse_slow", "bulk")
+#: number of forces at which the line of a fit is drawn
+_LINE = 200
+#: periods of a lattice by the unit of its pressure
+_PERIODS = {"N": 1, "N/m": 2, "Pa": 3}
+#: relative difference of loads in proportion that is rounding
+_SAME = 1e-9
+
+#: what the caption of a drawn Axes needs: entries of the legend, and what all curves share, in words
+_Drawn = tuple[list[Line2D], list[str]]
+
+
+def plot_fit(fit: WidthFit, ax: Axes, residual_ax: Axes) -> tuple[Axes, Axes]:
+    """Draw measured velocities with standard errors, the fit, and the ideal lattice; below, residuals in units of sigma.
+
+    Where each pulse has a frequency of its own, the fit is drawn at the data only, and the ideal lattice is left out.
+    """
+    ax.errorbar(fit.force, fit.velocity, fit.sigma, **_DATA_STYLE, label="data", gid="data")
+    structure = fit.packing.structure
+    # in short lines, so that the legend has room below the curve
+    label = join_facts([describe_medium(fit.medium, structure.periods, structure.n_balls)], _FIT_LETTERS)
+    label += f":\nW = {write_width(fit)}" if "width" in fit.parameters else ""
+    style: dict[str, Any] = {"color": VERMILION, "label": label, "gid": "fit", "zorder": 1.5}
+    if np.ndim(fit.waves.frequency):
+        ax.plot(fit.force, fit.velocities, "_", markersize=6.0, **style)
+    else:
+        force = np.geomspace(fit.force.min(), fit.force.max(), 200)
+        ax.plot(force, fit.velocity_at(force), linewidth=1.2, **style)
+        equal: dict[str, Any] = {"color": GUIDE, "label": "equal balls", "gid": "ideal", "zorder": 1.0}
+        ax.plot(force, fit.velocity_at(force, "ala"), linewidth=0.8, **equal)
+    residual_ax.axhline(0.0, color=VERMILION, linewidth=1.2, zorder=1.0)
+    residual_ax.errorbar(fit.force, fit.residuals / fit.sigma, 1.0, **_DATA_STYLE, gid="residuals")
+    for axes in (ax, residual_ax):
+        scale_axis(axes, "x", fit.force)
+    scale_axis(ax, "y", fit.velocity)
+    ax.set_ylabel(axis_label(fit.waves.branch) if fit.waves.frequency is None else "Group velocity (m/s)")
+    residual_ax.set(xlabel=axis_label("force"), ylabel="Residual / σ")
+    residual_ax.yaxis.set_major_locator(MaxNLocator(5, integer=True))
+    return ax, residual_ax
+
+
+def write_width(fit: WidthFit) -> str:
+    """Return the fitted width with its standard error, of which two digits are told, if it is known: "2.026 ± 0.021 µm"."""
+    if not fit.errors_are_known:
+        return write_value(fit.width, "m")
+    return write_uncertain(fit.width, fit.stderr, "m").replace("+/-", "±").replace("u", "µ")
+
+
+def fit_figure(fit: WidthFit) -> Figure:
+    """Draw a figure of a fit above its residuals, see :func:`plot_fit`; one column wide."""
+    with styled_figure(3.6) as figure:
+        axes = figure.subplots(2, sharex=True, height_ratios=[3.0, 1.0])
+        plot_fit(fit, axes[0], axes[1])
+        handles, labels = axes[0].get_legend_handles_labels()
+        order = [labels.index("data"), *(i for i, label in enumerate(labels) if label != "data")]
+        # velocities rise with the force: this corner is free
+        axes[0].legend([handles[i] for i in order], [labels[i] for i in order], loc="lower right")
+    return figure
 
 
 @dataclass(frozen=True)
@@ -173,20 +291,26 @@ def label_axes(ax: Axes, curves: Sequence[Curve], x: str, y: str) -> None:
     for which, name, unit in zip("xy", (x, y), curves[0].units, strict=True):
         values = np.concatenate([getattr(curve, which) for curve in curves])
         scale_axis(ax, which, values)
-        name_axis(ax, which, values, axis_label(name, ""), unit)
+        most = float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
+        name_axis(getattr(ax, f"{which}axis"), most, axis_label(name, ""), unit)
 
 
-def make_outside(points: bool) -> Line2D:
-    """Return the entry of the legend for loads at which a medium is not valid."""
-    hollow: dict[str, Any] = {"marker": "o"} | POINTS | _HOLLOW
-    return Line2D([], [], color="0.3", label="outside its range", **(hollow if points else _OUTSIDE))
+def make_handle(look: Look, label: str, points: bool) -> Line2D:
+    """Return the entry of the legend for a curve with a look, as points or as a line."""
+    line: dict[str, Any] = {"linewidth": min(look.width, 1.6)} | ({"dashes": look.dashes} if look.dashes else {})
+    return Line2D([], [], color=look.colour, label=label, **({"marker": look.marker} | _POINTS if points else line))
 
 
-def make_serving(curves: Iterable[Curve]) -> list[Line2D]:
-    """Return the entries of the legend for the media that automatic ones chose."""
-    names = dict.fromkeys(one.partition("(")[0] for curve in curves for one in curve.served)
-    style: dict[str, Any] = {"color": "0.3", "markersize": _SERVING_SIZE, "linestyle": "none"}
-    return [
+def make_remarks(curves: Sequence[Curve]) -> list[Line2D]:
+    """Return the last entries of a legend: loads at which a medium is not valid, and media that automatic ones chose."""
+    handles, grey = list[Line2D](), dict[str, Any](color="0.3")
+    if not all(np.all(curve.valid) for curve in curves):
+        points: dict[str, Any] = {"marker": "o"} | _POINTS | _HOLLOW
+        look = points if all(curve.as_points for curve in curves) else _OUTSIDE
+        handles.append(Line2D([], [], label="outside its range", **grey, **look))
+    names = {one.partition("(")[0] for curve in curves for one in curve.served}
+    style = grey | {"markersize": _SERVING_SIZE, "linestyle": "none"}
+    return handles + [
         Line2D([], [], marker=_SERVING.get(name, "o"), label=f"{MEDIA.get(name, name)} served", **style)
         for name in sorted(names, key=list(MEDIA).index)
     ]
@@ -200,25 +324,13 @@ def find_load(dataset: Dataset) -> str:
     return next((str(name) for name in LOAD_KINDS if name in dataset.coords and dataset[name].dims == ("load",)), "force")
 
 
-def is_simulated(dataset: Dataset, index: dict[str, int]) -> bool:
-    """Return whether the medium at ``index`` is a simulation, by its label."""
-    return _name_medium(dataset, index) == DirectSimulation.name
-
-
-def drop_directions(dataset: Dataset, variable: str) -> Dataset:
-    """Return the sweep without its directions, if a variable is the same in all: its lines are those of the media."""
-    same = variable in dataset and "direction" not in dataset[variable].dims
-    return dataset.drop_dims("direction", errors="ignore") if same else dataset
-
-
 def read_values(dataset: Dataset, name: str) -> Any:
     """Return a variable over the load; :class:`InputError` if it cannot be drawn, FigureError beyond matplotlib's axes."""
     if name not in dataset.variables:
         known = ", ".join(map(str, dataset.data_vars))
         raise InputError(message(f"the sweep has no variable {name!r}", f"It has {known}"))
     values = dataset[name]
-    extra = set(values.dims) - {"load", "medium", *list_parameters(dataset)}
-    if "load" not in values.dims or values.dtype.kind not in "fiub" or extra:
+    if name not in list_quantities(dataset, "fiub"):
         raise InputError(message(f"{name!r} is not one number at each load", mend="Draw another variable"))
     if not np.any(np.isfinite(values)):
         raise InputError(message(f"{name!r} has no finite value", mend="Draw another variable"))
@@ -231,45 +343,20 @@ def read_values(dataset: Dataset, name: str) -> Any:
     return values
 
 
-def pick_evenly(count: int, most: int) -> list[int]:
-    """Return the numbers of at most ``most`` of ``count`` things, evenly taken, the first and the last among them."""
-    chosen: list[int] = np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int)).tolist()
-    return chosen
+def list_quantities(dataset: Dataset, kinds: str = "fiu") -> tuple[str, ...]:
+    """Return the names of the variables that are one number, of these ``kinds`` of dtype, at each load."""
+    dims = {"load", "medium", *list_parameters(dataset)}
+    return tuple(
+        str(name)
+        for name, values in dataset.variables.items()
+        if "load" in values.dims and set(values.dims) <= dims and values.dtype.kind in kinds
+    )
 
 
 def list_parameters(dataset: Dataset) -> list[str]:
     """Return the dimensions of the sweep besides load and medium: its parameters, and directions if there are many."""
     along = ("direction",) * ("direction" in dataset.dims)
     return [str(name) for name in (*dataset["valid"].dims, *along) if name not in ("load", "medium")]
-
-
-def list_combinations(dataset: Dataset) -> list[tuple[str, dict[str, int]]]:
-    """Return every combination of parameters: the values of those that vary, in words, and the index of each parameter."""
-    names = list_parameters(dataset)
-    words = {name: [f"{name.replace('_', ' ')} {label}" for label in write_labels(dataset, name)] for name in names}
-    several = [name for name in names if dataset.sizes[name] > 1]
-    places = [dict(zip(names, index, strict=True)) for index in np.ndindex(*(dataset.sizes[name] for name in names))]
-    return [(", ".join(words[name][place[name]] for name in several), place) for place in places]
-
-
-def write_labels(dataset: Dataset, name: str) -> list[str]:
-    """Return the names of the values of a dimension in a legend."""
-    values = np.atleast_1d(dataset[name].values).tolist()
-    if name == "medium":
-        return _write_media(dataset)
-    if not all(isinstance(value, float) for value in values):
-        return [str(value) for value in values]
-    number, unit = readable_unit(max(map(abs, values)), dataset[name].attrs.get("units", ""))
-    return [f"{value / number:.4g} {unit}".rstrip() for value in values]
-
-
-def read_packing(dataset: Dataset) -> Packing | None:
-    """Return the packing whose parameters a sweep varies; None if the data set does not tell it, as of a crystal."""
-    told = json.loads(dataset.attrs.get("packing", "null"))
-    if told is None or told.get("class") == Arrangement.__name__:
-        return None
-    found: Packing = restore(told, Packing, "the packing of the sweep")
-    return found
 
 
 def read_curve(
@@ -283,10 +370,11 @@ def read_curve(
     across, along = read_values(dataset, x), read_values(dataset, variable)
     error = dataset.get(f"{variable}_error", dataset[variable] * np.nan)
     served: tuple[str, ...] = ()
-    if _name_medium(dataset, index) == AutoMedium.name and "choice" in dataset:
+    medium = str(np.atleast_1d(dataset["medium"].values)[index["medium"]])
+    if medium.startswith(AutoMedium.name) and "choice" in dataset:
         served = tuple(map(str, take(dataset["choice"]).tolist()))
     horizontal = take(across).astype(float)
-    simulated = [one.partition("(")[0] == DirectSimulation.name for one in served] or is_simulated(dataset, index)
+    simulated = [one.partition("(")[0] == DirectSimulation.name for one in served or (medium,)]
     simulated = dataset.attrs.get("points", simulated)  # a fit is a line, whatever its medium
     units = tuple(str(dataset[name].attrs.get("units", "")) for name in (x, variable))
     options: dict[str, Any] = next(iter(json.loads(dataset.attrs.get("media", "[{}]"))[index["medium"]].values()), {})
@@ -298,46 +386,617 @@ def read_curve(
 
 
 def describe_lines(dataset: Dataset, variable: str) -> list[tuple[dict[str, str], dict[str, int]]]:
-    """Return for each line of a variable what it is, in words by kind, and its index in each dimension besides the load."""
-    packing = read_packing(dataset)
-    finite = list_finite_overlap(dataset)
-    base = {} if packing is None else list_facts(packing)
-    told = json.loads(dataset.attrs.get("packing", "{}"))
-    if told.get("class") == Arrangement.__name__:
-        base["lattice"] = (
-            f"{told['lattice'] or 'crystal'} of {' '.join(told['order'] or [name for name, _ in told['kinds']])}"
-        )
-    found, names, media = [], list_parameters(drop_directions(dataset, variable)), _write_media(dataset)
-    if "direction" in dataset.coords and "direction" not in names and dataset["direction"].ndim == 0:
+    """Return for each line of a variable what it is, in words by kind, and its index in each dimension besides the load.
+
+    Directions are no lines of a variable that is the same in all of them. Cells of a lattice that the data set does not
+    tell, or whose lattice varies, are called cells.
+    """
+    told: dict[str, Any] = json.loads(dataset.attrs.get("packing", "null")) or {}
+    base, periods, balls, overlaps = dict[str, str](), 2, 2, [dict[str, str]()] * dataset.sizes["medium"]
+    if "kinds" in told:  # a crystal
+        kinds = told["order"] or [name for name, _ in told["kinds"]]
+        base["lattice"] = f"{told['lattice'] or 'crystal'} of {' '.join(kinds)}"
+    elif told:
+        packing: Packing = restore(told, Packing, "the packing of the sweep")
+        base, periods, balls = list_facts(packing), packing.structure.periods, packing.structure.n_balls
+        overlaps = [{"overlap": describe_overlap(finite)} for finite in list_finite_overlap(dataset)]
+        if "lattice" in dataset.coords:
+            try:
+                lattices = [find_lattice(str(name)) for name in np.atleast_1d(dataset["lattice"].values)]
+                periods, balls = lattices[0].periods, max(one.n_balls for one in lattices)
+            except InputError:  # a lattice of the user's own
+                balls = 2
+    labels = map(str, np.atleast_1d(dataset["medium"].values).tolist())
+    media = [one | {"medium": describe_medium(label, periods, balls)} for one, label in zip(overlaps, labels, strict=True)]
+    names = list_parameters(dataset)
+    if variable in dataset and "direction" not in dataset[variable].dims:
+        names = [name for name in names if name != "direction"]
+    if "direction" in dataset.coords and dataset["direction"].ndim == 0:
         base["direction"] = f"along {dataset['direction'].item()}"
+    found = []
     for place in np.ndindex(*(dataset.sizes[name] for name in names)):
-        at = dict(zip(names, place, strict=True))
-        facts = dict(base)
+        at, facts = dict(zip(names, place, strict=True)), dict(base)
         for name, number in at.items():
             value = dataset[name].values[number]
             value = value.item() if hasattr(value, "item") else value
-            told = ("direction", f"along {value}") if name == "direction" else describe_parameter(name, value)
-            facts[told[0]] = told[1]
-        for m, medium in enumerate(media):
-            overlap = {} if packing is None else {"overlap": describe_overlap(finite[m])}
-            found.append((facts | overlap | {"medium": medium}, at | {"medium": m}))
+            kind, text = ("direction", f"along {value}") if name == "direction" else describe_parameter(name, value)
+            facts[kind] = text
+        found += [(facts | own, at | {"medium": m}) for m, own in enumerate(media)]
     return found
 
 
-def _name_medium(dataset: Dataset, index: dict[str, int]) -> str:
-    """Return the name of the medium at ``index``, by its label."""
-    return str(np.atleast_1d(dataset["medium"].values)[index["medium"]]).partition("(")[0]
+# -- figures of a sweep --------------------------------------------------------------------------------------------------
 
 
-def _write_media(dataset: Dataset) -> list[str]:
-    """Return the media of a sweep in words; cells of a lattice that is not told, or varied, are called cells."""
-    packing = read_packing(dataset)
-    periods, balls = (2, 2) if packing is None else (packing.structure.periods, packing.structure.n_balls)
-    if "lattice" in dataset.coords and packing is not None:
-        names = [str(name) for name in np.atleast_1d(dataset["lattice"].values)]
-        try:
-            lattices = [find_lattice(name) for name in names]
-            periods, balls = lattices[0].periods, max(one.n_balls for one in lattices)
-        except InputError:  # a lattice of the user's own
-            balls = 2
-    return [describe_medium(str(label), periods, balls) for label in np.atleast_1d(dataset["medium"].values).tolist()]
+def plot_sweep(
+    dataset: Dataset, ax: Axes, variable: str = "longitudinal", x: str | None = None, *, legend: bool = True
+) -> Axes:
+    """Draw a variable of a sweep, one line for each medium and combination of parameters, in order of ``x``.
+
+    Parameters
+    ----------
+    dataset : a data set made by :func:`granphon.sweep`.
+    variable, x : names of variables or coordinates over load; ``x`` is by default the load that was given, a force, a
+        pressure or an overlap.
+    legend : whether to draw a legend; it names no more than eight combinations, and says of how many.
+
+    Axes are logarithmic where all values are above zero. Lines are solid where the medium is valid, thin and dashed
+    elsewhere, and each is thinner than the one before, so that all remain visible where they coincide. A simulation has no
+    line but points, open where it is not valid; of several samples they are means, with bars of their standard errors.
+    On an ordered path a line joins the points in its order, and triangles mark those that are reached by a fall of ``x``.
+    Marks on the line of an automatic medium say which medium served where. The slow transverse wave in space has a
+    dash-dotted line.
+
+    Raises
+    ------
+    InputError : there is no such variable, it is not one number at each load, or it is nowhere finite.
+    """
+    _, handles = _draw_sweep(dataset, ax, variable, x)
+    if legend:
+        ax.legend(handles=handles)
+    return ax
+
+
+def _draw_sweep(dataset: Dataset, ax: Axes, variable: str, x: str | None) -> tuple[list[Curve], list[Line2D]]:
+    """Draw what :func:`plot_sweep` draws, and return its curves and the entries of its legend.
+
+    These are the media, combinations of parameters, grey if there are several media, and what holds for all curves.
+    """
+    x, colours = x or find_load(dataset), itertools.cycle(COLOURS)
+    read_values(dataset, variable)
+    lines = sorted(describe_lines(dataset, variable), key=lambda line: line[1]["medium"])
+    curves = [read_curve(dataset, variable, x, index, facts=facts) for facts, index in lines]
+    count = len(lines) // dataset.sizes["medium"]
+    groups = [curves[n : n + count] for n in range(0, len(curves), count)]
+    media = [(Look(colour, 1.5), group) for colour, group in zip(colours, groups, strict=False)]
+    shades = [shade for look, _ in media for shade in _make_shades(look.colour, count)]
+    dashes, marker = _SLOW_DASHES if variable == _SLOW else None, _VELOCITY_MARKERS.get(variable, "o")
+    for curve, shade, width in zip(curves, shades, np.linspace(2.2, 1.0, len(lines) + 1)[1:], strict=True):
+        draw_curve(ax, curve, Look(shade, width, dashes, marker), variable)
+    label_axes(ax, curves, x, variable)
+    simulated = [all(np.all(curve.simulated) and not curve.served for curve in group) for group in groups]
+    several, handles = len(media) > 1, list[Line2D]()
+    if several or count == 1:
+        named = zip(media, simulated, strict=True)
+        handles = [make_handle(look, group[0].facts["medium"], points) for (look, group), points in named]
+    if count > 1:
+        kinds, _ = find_differing([curve.facts for curve in groups[0]])
+        grey, chosen = _make_shades("0.5" if several else COLOURS[0], count), pick_evenly(count, _MOST_NAMED)
+        for n in chosen:
+            words = ", ".join(groups[0][n].facts[kind] for kind in kinds)
+            handles.append(make_handle(Look(grey[n], 1.5), words, all(simulated)))
+        if len(chosen) < count:
+            handles.append(Line2D([], [], linestyle="none", label=f"{len(chosen)} of {count} are named"))
+    return curves, handles + make_remarks(curves)
+
+
+def _make_shades(name: str, count: int) -> list[Any]:
+    """Return ``count`` shades of a colour, from darker to lighter than itself; a single shade is the colour itself."""
+    colour = np.array(to_rgb(name))
+    change = np.linspace(-0.5, 0.6, count) if count > 1 else np.zeros(1)
+    return [tuple(colour * (1.0 + min(t, 0.0)) + max(t, 0.0) * (1.0 - colour)) for t in change.tolist()]
+
+
+def plot_exponent(dataset: Dataset, ax: Axes, x: str | None = None) -> Axes:
+    """Draw the local exponent d log v_L / d log P of a sweep, with that of the ideal lattice, 1/6, and the popular 1/4.
+
+    The exponent of v_T is the same, except in a simulation. The points of a simulation of several samples have bars of
+    their standard errors. ``x`` is that of :func:`plot_sweep`. See :func:`granphon.local_exponent`.
+    """
+    plot_sweep(dataset, ax, "exponent", x, legend=False)
+    ax.set_yscale("linear")
+    for value, name in ((1.0 / 6.0, "1/6"), (0.25, "1/4")):
+        ax.axhline(value, color=GUIDE, linewidth=0.6, zorder=0.5)
+        _write_beside(ax, name, value, color="0.4")
+    ax.margins(y=0.16)
+    return ax
+
+
+def _write_beside(ax: Axes, text: str, value: float, **options: Any) -> None:
+    """Write a text to the right of the panel, at a value of the y axis."""
+    place: dict[str, Any] = {"xycoords": ax.get_yaxis_transform(), "xytext": (3, 0), "textcoords": "offset points"}
+    ax.annotate(text, (1.0, value), va="center", annotation_clip=False, **place, **options)
+
+
+def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None = None) -> Figure:
+    """Draw a figure with velocities of a sweep above, their local exponent below, on one axis of ``x``; one column wide.
+
+    ``x`` is by default the load that was given, a force, a pressure or an overlap.
+
+    Velocities that are zero, of waves across a chain, are left out. A sweep without others, as of a mechanism, has the
+    normal stiffness in their place. For a sweep without exponents (finite overlap), or for one ``variable``, there is the
+    upper panel only. Raises what :func:`plot_sweep` raises.
+    """
+    both = variable is None and "exponent" in dataset
+    velocities = {one: name for one, name in _VELOCITIES.items() if one in dataset and np.any(dataset[one] != 0.0)}
+    velocities = {} if variable else velocities
+    shown = list(velocities) or [variable or "normal_stiffness"]
+    with styled_figure(4.0 if both else 2.6) as figure:
+        ratios = [1.6, 1.0][: 1 + both]
+        axes = figure.subplots(1 + both, sharex=True, squeeze=False, height_ratios=ratios)[:, 0]
+        every = [_draw_sweep(dataset, axes[0], one, x) for one in shown]
+        # of velocities some may be the same in all directions, which the legend of the others names
+        curves, handles = max(every, key=lambda one: len(one[1]))
+        if velocities:
+            _name_velocities(axes[0], {velocities[one]: found for one, (found, _) in zip(shown, every, strict=True)})
+        if both:
+            plot_exponent(dataset, axes[1], x)
+            axes[0].set_xlabel("")
+        for ax in axes:
+            ax.margins(x=0.08)
+        medium, points = curves[0].facts["medium"], all(np.all(curve.simulated) and not curve.served for curve in curves)
+        # what tells the slow transverse wave from the fast one, and the marks of pulses
+        for name in [one for one in _VELOCITY_MARKERS if one in velocities and (one == _PULSE or _SLOW in velocities)]:
+            look = Look("0.3", 1.2, _SLOW_DASHES if name == _SLOW else None, _VELOCITY_MARKERS[name])
+            handles.append(make_handle(look, _VELOCITIES[name], points or name == _PULSE))
+        alone = dataset.sizes["medium"] == 1 and handles[0].get_label() != medium
+        # in lines for which a column has room
+        title, *labels = (
+            label if len(label) <= _LETTERS else join_facts([label], _LETTERS)
+            for label in (medium, *(str(handle.get_label()) for handle in handles))
+        )
+        for handle, label in zip(handles, labels, strict=True):
+            handle.set_label(label)
+        add_legend(figure, handles, _LEGEND_ROWS, title if alone else None)
+    return figure
+
+
+def _name_velocities(ax: Axes, drawn: dict[str, list[Curve]]) -> None:
+    """Write the symbols of velocities beside the right ends of their curves, one text where these are close."""
+    curves = [curve for group in drawn.values() for curve in group]
+    scale_axis(ax, "y", np.concatenate([curve.y for curve in curves]))
+    ax.set_ylabel(f"Sound velocity ({CATALOGUE['longitudinal'].unit})")
+    ends: dict[str, float] = {}
+    for name, group in drawn.items():
+        # a path may turn, and end anywhere
+        right = [float(curve.y[np.argmax(curve.x)]) for curve in group]
+        if name != _VELOCITIES[_PULSE] and (known := [value for value in right if np.isfinite(value)]):
+            ends[name] = max(known)  # the legend names the marks of pulses, which are often near those of long waves
+    to_axes, last = ax.transData - ax.transAxes, -np.inf
+    together: dict[float, list[str]] = {}
+    for name, value in sorted(ends.items(), key=lambda item: item[1]):
+        height = float(to_axes.transform((ax.get_xlim()[0], value))[1])
+        if height - last > _APART:
+            last, together[value] = height, []
+        together[max(together)].append(name)
+    for value, names in together.items():
+        _write_beside(ax, ", ".join(names), value)
+
+
+# -- figures of several results ------------------------------------------------------------------------------------------
+
+
+def plot_together(
+    results: Sequence[Any] | Mapping[str, Any],
+    ax: Axes,
+    *,
+    x: str | None = None,
+    y: str | None = None,
+    data: Any = (),
+    balls_per_side: int | None = None,
+    legend: bool = True,
+) -> Axes:
+    """Draw several results on one Axes.
+
+    Sweeps, states and fits are curves and points of ``y`` over ``x``. If all results have bands and neither ``x`` nor ``y``
+    nor data are given, their bands are drawn one over the other; so are densities of states.
+
+    Parameters
+    ----------
+    results : sweeps, fits, bands, densities of states, results of scenes. The names of a mapping stand in the legend for
+        all that the curves of a result share.
+    x : "force", "pressure", "overlap" or "reduced_force"; by default the load that was given if it is that of all, else the
+        force.
+    y : a quantity of :data:`~granphon.observables.catalogue.CATALOGUE` that all results hold; by default the longitudinal
+        velocity, or another one that all hold.
+    data : measured velocities, one or several: files in the form of ``granphon fit``, or
+        :class:`~granphon.fits.measurements.Measurements`.
+    balls_per_side : that of the hexagonal frame, where a file of data gives side forces.
+    legend : whether to draw the legend, and the title.
+
+    A line is solid where its medium is valid, thin and dashed elsewhere; a simulation has points, with bars of standard
+    errors over samples; measured points are black. States that differ in their load alone are one set of points.
+
+    Raises
+    ------
+    InputError : the results cannot share an axis: one of them does not hold ``x`` or ``y``, the units differ, or some are
+        bands and others are not; the error names them. Data that are no velocities, or whose loads cannot be converted.
+    """
+    handles, common = _draw_together(results, ax, x, y, data, balls_per_side)
+    if legend:
+        ax.legend(handles=handles, handlelength=_find_length(handles))
+        size = FontProperties(size=matplotlib.rcParams["font.size"]).get_size_in_points()
+        figure: Any = ax.get_figure()
+        points = 72.0 * figure.get_figwidth() * ax.get_position().width
+        ax.set_title(join_facts(common, max(20, int(points / (_LETTER * size)))), fontsize=size)
+    return ax
+
+
+def _find_length(handles: Sequence[Line2D]) -> float | None:
+    """Return the length of the handles of a legend, in letters; longer if dashes tell lines apart, None for the usual."""
+    return _LONG_HANDLE if any(handle.is_dashed() and handle.get_linewidth() > 0.9 for handle in handles) else None
+
+
+def comparison_figure(results: Sequence[Any] | Mapping[str, Any], *, legend: bool = True, **options: Any) -> Figure:
+    """Draw :func:`plot_together`, whose ``options`` these are, as a figure, one column wide, with the legend below it."""
+    with styled_figure(_HEIGHT) as figure:
+        handles, common = _draw_together(results, figure.subplots(), **options)
+        if not legend:
+            return figure
+        title = join_facts(common, _TITLE_LETTERS)
+        lines = 1 + title.count("\n") if title else 0
+        add_legend(figure, handles, -lines, handlelength=_find_length(handles))
+        if title:
+            figure.suptitle(title, fontsize=STYLE["axes.titlesize"])
+    return figure
+
+
+def _draw_together(
+    results: Sequence[Any] | Mapping[str, Any], ax: Axes, x: str | None = None, y: str | None = None, data: Any = (),
+    balls_per_side: int | None = None,
+) -> _Drawn:  # fmt: skip
+    """Draw what :func:`plot_together` draws, without legend and title."""
+    if isinstance(results, Mapping):
+        runs = [Run.of(str(name), one, named=True) for name, one in results.items()]
+    else:
+        runs = [Run.of(f"result {n}", one) for n, one in enumerate(results, 1)]
+    given = [data] if isinstance(data, str | os.PathLike | Measurements) else list(data)
+    if not runs:
+        raise InputError(message("there is nothing to draw", mend="Give results"))
+    asked = x is not None or y is not None or bool(given)
+    if not asked and all(run.bands is not None for run in runs):
+        return _draw_bands(runs, ax)
+    if not asked and (dos := [run.dos for run in runs if run.dos is not None]) and len(dos) == len(runs):
+        unit = HertzPrefix.for_top(max(float(one.frequencies.max()) for one in dos))
+        drawn = _draw_spectra(runs, ax, "dos", [[(one.frequencies / unit.hertz, one.total * unit.hertz)] for one in dos])
+        name = print_hertz(unit)
+        ax.set(xlabel=f"Frequency ({name})", ylabel=f"DOS per ball (1/{name})", xlim=(0.0, None), ylim=(0.0, None))
+        return drawn
+    across, along = choose_axes(runs, x, y)
+    curves = list[Curve]()
+    for run in runs:
+        assert run.dataset is not None  # choose_axes has seen that
+        for name in (across, along):
+            if not np.any(np.isfinite(run.dataset[name])):
+                why = "It is infinite for equal balls" if name == "reduced_force" else ""
+                raise InputError(message(f"{name} of {run.name} is nowhere finite", why, "Draw it over another load"))
+        if run.measured is not None:
+            curves.append(replace(read_curve(run.measured, along, across, {"medium": 0}, run.name), measured=True))
+        named = {"name": run.name} if run.named else {}
+        for facts, index in describe_lines(run.dataset, along):
+            curves.append(read_curve(run.dataset, along, across, index, run.name, named | facts | run.facts))
+    measured = [_read_points(one, runs, across, along, balls_per_side) for one in given]
+    # what they cannot share: an axis of two units, a load that is infinite
+    for which, name in enumerate((across, along)):
+        units: dict[str, str] = {}
+        for curve in curves:
+            units.setdefault(curve.units[which], curve.run)
+        if len(units) > 1:
+            told = "; ".join(f"{run} has it {f'in {unit}' if unit else 'without a unit'}" for unit, run in units.items())
+            what = f"{' and '.join(units.values())} cannot share an axis of {name}"
+            mend = "Take --x force (x='force')" if name == across else "Draw another quantity"
+            raise InputError(message(what, told, mend))
+    for curve in curves:
+        if not np.all(np.isfinite(curve.x)):
+            why = "It is infinite for equal balls" if across == "reduced_force" else ""
+            raise InputError(message(f"{across} of {curve.run} is not finite", why, "Take --x force (x='force')"))
+        if not np.any(np.isfinite(curve.y)):
+            raise InputError(message(f"{along} of {curve.run} has no finite value", mend="Draw another quantity"))
+    return _draw_curves(ax, curves, measured, across, along)
+
+
+# -- the runs of a figure: what each holds, and what they can share ---------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One run: a data set of states, of which a fit has one too; of one state also bands, a density of states or both.
+
+    What it does not hold is None.
+
+    Attributes
+    ----------
+    name : that in messages; where ``named``, it also stands in legends, for all that the curves of the run share.
+    measured : the data of a fit, at whose loads they were measured.
+    facts : what is said of the curves of a fit beside what its data set tells, in words by kind.
+    """
+
+    name: str
+    dataset: Dataset | None = None
+    bands: Bands | None = None
+    dos: DensityOfStates | None = None
+    named: bool = False
+    measured: Dataset | None = None
+    facts: dict[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, name: str, result: Any, named: bool = False) -> Run:
+        """Take a result of the library; :class:`~granphon.base.errors.InputError` for what shares no figure with others."""
+        if isinstance(result, Run):
+            return result
+        if isinstance(result, WidthFit):
+            return _tabulate_fit(name, result, named)
+        if isinstance(result, Bands):
+            return cls(name, bands=result, named=named)
+        if isinstance(result, DensityOfStates):
+            return cls(name, dos=result, named=named)
+        dataset = find_dataset(result)
+        if dataset is not None:
+            bands, dos = (getattr(result, one, None) for one in ("bands", "dos"))
+            return cls(name, dataset, bands, dos, named)
+        mend = "Give sweeps, fits, bands, densities of states, or results of scenes"
+        raise InputError(message(f"{brief(result)} shares no figure with others", mend=mend))
+
+    @property
+    def what(self) -> str:
+        """What the run holds, in words."""
+        held = [name for name, one in (("bands", self.bands), ("a density of states", self.dos)) if one is not None]
+        if not held and self.dataset is not None:
+            single = "a sweep" if self.dataset["valid"].size > 1 else "a single state"
+            return single if self.measured is None else "a fit"
+        return " and ".join(held)
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """Names of the quantities that are one number at each load."""
+        return () if self.dataset is None else list_quantities(self.dataset)
+
+
+def _tabulate_fit(name: str, fit: WidthFit, named: bool) -> Run:
+    """Return the measured velocities of a fit, and its line over the force, as data sets of states."""
+    frequency, branch, finite = fit.waves.frequency, fit.waves.branch, fit.waves.finite_overlap
+    several = np.ndim(frequency) > 0  # a fit of pulses that each have a frequency is known at the data alone
+    force = fit.force if several else np.geomspace(fit.force.min(), fit.force.max(), _LINE)
+    # the overlap of a simulation follows from nothing that was measured
+    choice = fit.choice.stand_in
+    loads = [load for load in _LOADS[1:] if load != "overlap" or choice == fit.choice]
+
+    def make(force: Array, velocity: Array, points: bool, **more: Array) -> Dataset:
+        state = choice.of(fit.packing).at_force(force, finite_overlap=finite)
+        values = {load: np.asarray(getattr(state, load), float) for load in loads} | {branch: velocity} | more
+        attributes = {"finite_overlap": int(finite), "points": int(points)}
+        return tabulate(fit.packing, fit.medium, force, values, attributes)
+
+    velocity = fit.velocities if several else fit.velocity_at(force)
+    facts = {"spread": f"fitted W = {write_width(fit)}"} if "width" in fit.parameters else {}
+    if frequency is not None:
+        facts["waves"] = "pulses" if several else f"pulses of {write_value(float(frequency), 'Hz')}"
+    measured = make(fit.force, fit.velocity, True, **{f"{branch}_error": fit.sigma})
+    return Run(name, make(force, velocity, several), named=named, measured=measured, facts=facts)
+
+
+def choose_axes(runs: Sequence[Run], x: str | None, y: str | None) -> tuple[str, str]:
+    """Return the load and the quantity that are drawn; ``x`` and ``y`` are what is asked for.
+
+    Raises :class:`~granphon.base.errors.InputError` if there is no such load or quantity, or a run does not hold it.
+    """
+    if spectra := [run for run in runs if not run.quantities]:
+        other = next((run for run in runs if run.quantities), None)
+        what = f"{_list(spectra)} {'holds' if len(spectra) == 1 else 'hold'} {spectra[0].what} and no velocities"
+        why = f"{other.name} is {other.what}: they cannot share an axis" if other else "There is nothing over a load"
+        raise InputError(message(what, why, "Draw them in figures of their own"))
+    common = [one for one in runs[0].quantities if all(one in run.quantities for run in runs)]
+    if x is None:
+        loads = {find_load(run.dataset) for run in runs if run.dataset is not None}
+        load = loads.pop() if len(loads) == 1 else "force"
+    else:
+        load = x.strip().lower().replace(" ", "_")
+        if load not in _LOADS:
+            meant = closest(load, _LOADS)
+            mend = f"Did you mean {meant}" if meant else "Use " + ", ".join(_LOADS)
+            raise InputError(message(f"{x!r} is no load", mend=mend))
+        if without := [run for run in runs if load not in run.quantities]:
+            what = f"{_list(without)} {'has' if len(without) == 1 else 'have'} no {load}"
+            held = ", ".join(one for one in _LOADS if one in common) or "figures of their own"
+            raise InputError(message(what, "The runs cannot share that axis", f"Use {held}"))
+    if y is None:
+        if (first := next((name for name in _FIRST if name in common), None)) is not None:
+            return load, first
+        each = ", ".join(f"{run.name} {run.what}" for run in runs)
+        first = next((one for one in common if one not in _LOADS and not one.endswith("_error")), None)
+        mend = f"Name a quantity that all hold, as --y {first} (y={first!r})" if first else "Draw each by itself"
+        what = f"{_list(runs)} cannot share an axis: no velocity is in all"
+        what = what if len(runs) > 1 else f"{runs[0].name} has no velocity"
+        raise InputError(message(what, f"Found {each}", mend))
+    name = y.strip().lower().replace(" ", "_")
+    if without := [run for run in runs if name not in run.quantities]:
+        if name not in CATALOGUE and (meant := closest(name, common)):
+            raise InputError(message(f"there is no variable {y!r}", mend=f"Did you mean {meant}"))
+        what = f"{_list(without)} {'holds' if len(without) == 1 else 'hold'} no {name}"
+        why = f"All runs hold {', '.join(common)}" if common else "No quantity is in all runs"
+        raise InputError(message(what, why, "Draw another quantity, or leave these runs out"))
+    return load, name
+
+
+def _list(runs: Sequence[Run]) -> str:
+    """Return the names of runs in words."""
+    return " and ".join(", ".join(run.name for run in runs).rsplit(", ", 1))
+
+
+def _find_ratio(runs: Sequence[Run], x: str, mend: str = "Draw over the force") -> float:
+    """Return the load ``x`` over the contact force; :class:`InputError` if it is not one number for all runs."""
+    if x == "force":
+        return 1.0
+    found = [run.dataset for run in runs if run.dataset is not None and x in run.dataset and x != "overlap"]
+    ratios = np.concatenate([np.zeros(0), *(np.ravel(dataset[x] / dataset["force"]) for dataset in found)])
+    if not ratios.size or not np.all(np.isfinite(ratios)) or np.ptp(ratios) > _SAME * np.max(np.abs(ratios)):
+        why = "It is not the same multiple of the contact force in all of them"
+        why = "The overlap of balls was not measured" if x == "overlap" else why
+        raise InputError(message(f"the {x} of measured points is not known from these runs", why, mend))
+    return float(np.median(ratios))
+
+
+def _read_points(given: Any, runs: Sequence[Run], x: str, y: str, balls: int | None) -> Curve:
+    """Return measured velocities, read from a file if need be, as a curve."""
+    entry = CATALOGUE.get(y)
+    if entry is None or entry.cost not in ("velocities", "pulse") or entry.unit != "m/s":
+        raise InputError(message(f"measured velocities share no axis with {y}", mend="Take a velocity, as longitudinal"))
+    name = "measured"
+    if not isinstance(given, Measurements):
+        name, first = Path(given).stem, runs[0].dataset
+        unit = "" if first is None or "pressure" not in first else str(first["pressure"].attrs.get("units", ""))
+        frame = None if balls is None else partial(force_of_frame, balls_per_side=balls)
+
+        def press(pressure: float) -> float:
+            return pressure / _find_ratio(runs, "pressure", "Give the contact forces in the file")
+
+        given = Measurements.read(given, frame=frame, pressed=press, periods=_PERIODS.get(unit, 2))
+    sigma = np.nan if given.sigma is None else given.sigma
+    facts = {"run": name}
+    if given.frequency is not None:
+        frequency = np.unique(given.frequency)
+        facts["waves"] = f"pulses of {write_value(float(frequency[0]), 'Hz')}" if frequency.size == 1 else "pulses"
+    across = _find_ratio(runs, x) * given.force
+    spread, every = np.broadcast_to(np.asarray(sigma, float), across.shape), np.ones(across.shape, bool)
+    return Curve(name, facts, across, given.velocity, spread, every, every, measured=True).sorted()
+
+
+# -- curves ---------------------------------------------------------------------------------------------------------
+
+
+def _write_legend(curves: Sequence[Curve]) -> tuple[list[tuple[str, str]], list[str]]:
+    """Return for each curve the heading that it stands under, empty for most, and its own label; and what all curves share.
+
+    What the curves of one run share is their heading. A run of one curve stands under that of another run if it shares it.
+    """
+    differing, common = find_differing([curve.facts for curve in curves])
+    if len(curves) == 1:
+        own = curves[0].facts.get("medium", curves[0].run)
+        return [("", own)], [text for text in common if text != own]
+    own_kinds, shared_kinds = list[list[str]](), list[list[str]]()
+    for curve in curves:
+        alike = [one.facts for one in curves if one.run == curve.run]
+        kinds = [kind for kind in differing if kind in curve.facts]
+        same = [kind for kind in kinds if len({one.get(kind) for one in alike}) == 1]
+        if "name" in same:  # it stands for all that is the same in the run
+            kinds, same = [kind for kind in kinds if kind == "name" or kind not in same], ["name"]
+        own_kinds.append(kinds)
+        shared_kinds.append(same if len(alike) > 1 else [])
+    labels = []
+    for curve, kinds, shared in zip(curves, own_kinds, shared_kinds, strict=True):
+        others = (
+            other for one, other in zip(curves, shared_kinds, strict=True)
+            if other and set(other) < set(kinds) and all(one.facts[kind] == curve.facts[kind] for kind in other)
+        )  # fmt: skip
+        above = shared or next(others, [])
+        heading = join_facts([curve.facts[kind] for kind in above], _LETTERS)
+        label = join_facts([curve.facts[kind] for kind in kinds if kind not in above] or [curve.run], _LETTERS)
+        labels.append((f"{heading}:" if heading else "", label))
+    return labels, common
+
+
+def _draw_curves(ax: Axes, found: list[Curve], measured: list[Curve], x: str, y: str) -> _Drawn:
+    """Draw curves, those that are measured as points; single states of the same facts are one curve of points."""
+    models, single = list[Curve](), set[int]()
+    for curve in (one for one in found if not one.measured):
+        alike = [n for n, other in enumerate(models) if other.facts == curve.facts and other.units == curve.units]
+        alike = [n for n in alike if curve.x.size == 1 and n in single]
+        if alike:
+            other = models[alike[0]]
+            parts: dict[str, Any] = {
+                name: np.concatenate([getattr(other, name), getattr(curve, name)])
+                for name in ("x", "y", "error", "valid", "simulated")
+            }
+            names, served = f"{other.run}, {curve.run}", other.served + curve.served
+            models[alike[0]] = replace(other, run=names, served=served, **parts).sorted()
+        else:
+            single |= {len(models)} if curve.x.size == 1 else set()
+            models.append(curve)
+    # curves that are the same get the names of their runs
+    double = [curve for curve in models if sum(other.facts == curve.facts for other in models) > 1]
+    models = [replace(one, facts={"run": one.run} | one.facts) if one in double else one for one in models]
+    points = [curve for curve in found if curve.measured] + measured
+    if len(models) > MOST_LOOKS:
+        what = f"{len(models)} curves are too many to be told apart"
+        raise InputError(message(what, f"Colours and dashes tell {MOST_LOOKS} apart", "Draw fewer runs in one figure"))
+    labels, common = _write_legend(models)
+    # entries below a heading come last, so that none that does not belong there stands there
+    groups: dict[str, list[Line2D]] = {"": []}
+    for curve, look, (heading, label) in zip(models, make_looks(len(models)), labels, strict=True):
+        draw_curve(ax, curve, look, y)
+        groups.setdefault(heading, []).append(make_handle(look, label, curve.as_points and not curve.served))
+    handles = groups.pop("")
+    headed = [one for text, group in groups.items() for one in (Line2D([], [], linestyle="none", label=text), *group)]
+    for n, curve in enumerate(points):
+        told = ["data", *[curve.run] * (len(points) > 1), *([curve.facts["waves"]] if "waves" in curve.facts else [])]
+        style: dict[str, Any] = {"marker": _DATA_MARKS[n % len(_DATA_MARKS)], "markersize": 2.6, "linestyle": "none"}
+        style |= {"color": "black"}
+        error = None if np.all(np.isnan(curve.error)) else curve.error
+        ax.errorbar(curve.x, curve.y, error, elinewidth=0.7, gid=f"measured-{n}", zorder=3.0, **style)
+        handles.append(Line2D([], [], label=join_facts(told, _LETTERS), **style))
+    handles += make_remarks(models) + headed
+    label_axes(ax, [*models, *points], x, y)
+    return handles, common
+
+
+# -- bands, and densities of states ---------------------------------------------------------------------------------
+
+
+def _draw_spectra(runs: Sequence[Run], ax: Axes, name: str, lines: Sequence[Sequence[tuple[Array, Array]]]) -> _Drawn:
+    """Draw the lines of each run, each in one look; their group ids begin with ``name``."""
+    facts = []
+    for run in runs:
+        told = {"name": run.name} if run.named else {}
+        if run.dataset is not None:
+            kind = find_load(run.dataset)
+            load = run.dataset[kind]
+            (facts_of_state, _), *_ = describe_lines(run.dataset, "force")
+            value = write_value(float(load.values[0]), load.attrs.get("units", ""))
+            told |= facts_of_state | {"load": f"{kind} {value}"}
+        facts.append(told)
+    known = all(facts)  # what one run does not tell of itself is no difference between it and the others
+    facts = [
+        one if known and facts.count(one) == 1 else {"run": run.name} | (one if known else {})
+        for run, one in zip(runs, facts, strict=True)
+    ]
+    differing, common = find_differing(facts)
+    labels = [
+        join_facts([one["name"]] if "name" in one else [one[k] for k in differing if k in one] or [run.name], _LETTERS)
+        for run, one in zip(runs, facts, strict=True)
+    ]
+    handles = []
+    for n, (parts, look, label) in enumerate(zip(lines, make_looks(len(runs)), labels, strict=True)):
+        dashes: dict[str, Any] = {"dashes": look.dashes} if look.dashes else {}
+        for x, y in parts:
+            ax.plot(x, y, gid=f"{name}-{n}", color=look.colour, linewidth=look.width, **dashes)
+        handles.append(Line2D([], [], label=label, color=look.colour, linewidth=look.width, **dashes))
+    return handles, common if len(runs) > 1 else []
+
+
+def _draw_bands(runs: Sequence[Run], ax: Axes) -> _Drawn:
+    """Draw bands one over the other, a colour for each run; :class:`InputError` if their paths differ."""
+    every = [run.bands for run in runs if run.bands is not None]
+    first = every[0]
+    for run, bands in zip(runs, every, strict=True):
+        same = bands.labels == first.labels and bands.distances.shape[0] == first.distances.shape[0]
+        if not same or not np.allclose(bands.distances[:, [0, -1]], first.distances[:, [0, -1]], rtol=0.0, atol=1e-6):
+            paths = f"The one is {'-'.join(first.labels)}, the other {'-'.join(bands.labels)}"
+            what = f"the bands of {runs[0].name} and {run.name} cannot share an axis: their paths differ"
+            why = paths if bands.labels != first.labels else "The zones of the lattices have other sizes"
+            raise InputError(message(what, why, "Compute them along one path"))
+    unit = HertzPrefix.for_top(max(float(bands.frequencies.max()) for bands in every))
+    lines = [list(zip(one.distances, one.connected_frequencies / unit.hertz, strict=True)) for one in every]
+    drawn = _draw_spectra(runs, ax, "bands", lines)
+    name_corners(ax, np.append(first.distances[:, 0], first.distances[-1, -1]), first.labels)
+    ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(0.0, None))
+    return drawn

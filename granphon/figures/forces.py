@@ -6,12 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from granphon.figures.scales import FORCES, add_title
+from granphon.figures.scales import FORCES, add_title, name_axis, styled_figure
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.collections import EllipseCollection, LineCollection, QuadMesh
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -21,18 +19,16 @@ from numpy.typing import NDArray
 
 from granphon.array.sample import Sample
 from granphon.base.errors import InputError, brief, message
+from granphon.base.scales import prefixed
 from granphon.base.text import counted
 from granphon.base.validation import finite_array
 from granphon.figures.style import (
     BLUE,
-    COLUMN_WIDTH,
-    DPI,
     GUIDE,
     PAGE_WIDTH,
     STYLE,
     VERMILION,
     colour_kinds,
-    readable_unit,
 )  # fmt: skip
 from granphon.media.state import ContactState
 from granphon.networks.network import ContactNetwork
@@ -114,12 +110,10 @@ def plot_forces(
         show = "window" if window is not None else "all" if small else "density"
     edges = layer.edges if show != "window" else _choose_window(layer, window)
     if ax is None:
-        with matplotlib.rc_context(STYLE):
-            height = layer.height if show != "window" or window is not None else _WINDOW_HEIGHT
-            height += _ROW_HEIGHT * min(4, -(-len(layer.kinds) // 2))
-            figure: Any = Figure((COLUMN_WIDTH, height), dpi=DPI, layout="constrained")
-            return plot_forces(sample, figure.subplots(), show=show, window=window)
-    figure = ax.get_figure()
+        height = layer.height if show != "window" or window is not None else _WINDOW_HEIGHT
+        with styled_figure(height + _ROW_HEIGHT * min(4, -(-len(layer.kinds) // 2))) as new:
+            return plot_forces(sample, new.subplots(), show=show, window=window)
+    figure: Any = ax.get_figure()
     drawn: LineCollection | QuadMesh
     left, bottom, right, top = edges
     means = ""
@@ -133,9 +127,9 @@ def plot_forces(
         with np.errstate(invalid="ignore"):  # nan where no ball is
             density = total / count
         drawn = ax.pcolormesh(*grid, density.T, cmap=FORCES, gid="density", rasterized=True)
-        size, name = (1.0, "$d$") if network is None else readable_unit(float(np.max(layer.size)), "m")
+        size, name = (1.0, "$d$") if network is None else prefixed(float(np.max(layer.size)), "m")
         sides = sorted({f"{float(one[1] - one[0]) / size:.2g}" for one in grid})
-        means = f",\nmeans over {' x '.join(sides * (3 - len(sides)))} {name}"
+        means = f",\nmeans over {' x '.join(sides * (3 - len(sides)))} {name.replace('u', 'µ')}"
     else:
         drawn = _draw_chains(layer, ax, edges)
     ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
@@ -146,7 +140,7 @@ def plot_forces(
         ax.set(xlabel=layer.axes[0], ylabel=layer.axes[1])
     else:
         for axis, name in zip((ax.xaxis, ax.yaxis)[: network.dimension], layer.axes, strict=False):
-            _name_unit(axis, name, float(np.max(layer.size)), "m")
+            name_axis(axis, float(np.max(layer.size)), name, "m", short=True)
     if top - bottom < 2.0 * layer.diameter:
         ax.set_yticks([0.0])
     if drawn.get_array() is not None:
@@ -154,17 +148,8 @@ def plot_forces(
         if network is None:
             bar.set_xlabel(f"Contact force over its mean{means}")
         else:
-            _name_unit(bar.xaxis, "Contact force", bar.get_xlim()[1], "N", means)
+            name_axis(bar.xaxis, bar.get_xlim()[1], "Contact force", "N", short=True, more=means)
     return ax
-
-
-def network_figure(network: ContactNetwork, *, show: Show = "auto", window: Sequence[float] | None = None) -> Figure:
-    """Draw a figure of the balls, contacts and forces of a network, one column wide; see :func:`plot_forces`.
-
-    ``window`` is in m.
-    """
-    figure: Any = plot_forces(network, show=show, window=window).get_figure()
-    return figure  # type: ignore[no-any-return]
 
 
 def _choose_window(layer: _Map, given: Sequence[float] | None) -> tuple[float, ...]:
@@ -275,7 +260,7 @@ def _find_layer(sample: Sample) -> _Map:
     table, balls = structure.contacts, structure.positions
     level = np.abs((balls - balls[0]) @ up) < _LEVEL
     inside = level[table.i] & level[table.j] & (np.abs(table.normal @ up) < _LEVEL) & np.all(table.shift[:, 2:] == 0, axis=1)
-    shown = np.flatnonzero(level).tolist()
+    shown = np.flatnonzero(level)
     flat = sample.sites.reshape(*sample.shape, -1, p)
     forces = np.moveaxis(sample.equilibrium.forces / sample.equilibrium.force, 0, -1)[..., inside]
     if p == 3:
@@ -285,44 +270,42 @@ def _find_layer(sample: Sample) -> _Map:
     sites = flat[:, :, shown] @ plane
     length, step = rows * float(np.linalg.norm(vectors[0])), float(vectors[1] @ axes[1])
     sites[..., 0] = np.mod(sites[..., 0] + 1e-9, length) - 1e-9
-    # of each kind of contact the vector, the numbers of its balls i and j, and the cells between them
-    ways, shifts = table.normal[inside] @ plane, np.pad(table.shift, ((0, 0), (0, max(0, 2 - p))))[inside, :2].tolist()
-    ends = [[shown.index(i), shown.index(j)] for i, j in zip(table.i[inside], table.j[inside], strict=True)]
-    sums, counts = np.zeros(sites.shape[:3]), np.zeros(sites.shape[:3])
-    for contact, ((i, j), (a, b)) in enumerate(zip(ends, shifts, strict=True)):
-        force = forces[..., contact]
-        for total, value in ((sums, force), (counts, np.ones(force.shape))):
-            total[:, :, i] += value
-            total[:, :, j] += np.roll(value, (a, b), (0, 1))
+    places = sites.reshape(-1, 2)
+    # of each contact the vector, the numbers of its balls, and its force
+    number, shifts = np.arange(len(places)).reshape(sites.shape[:3]), np.pad(table.shift, ((0, 0), (0, max(0, 2 - p))))
+    own, other = (np.searchsorted(shown, end[inside]) for end in (table.i, table.j))
+    i = number[..., own].ravel()
+    steps = zip(other.tolist(), shifts[inside, :2].tolist(), strict=True)
+    j = np.stack([np.roll(number[..., ball], (-a, -b), (0, 1)) for ball, (a, b) in steps], axis=-1).ravel()
+    ways, force = np.tile(table.normal[inside] @ plane, (rows * columns, 1)), forces.ravel()
 
     def find_lines() -> tuple[Array, Array]:
         # of the contacts that carry load: one across an edge of the array has two lines, one at each of its balls
-        lines, values = list[Array](), list[Array]()
-        for contact, ((i, j), (a, b)) in enumerate(zip(ends, shifts, strict=True)):
-            way, force = ways[contact], forces[..., contact]
-            own, other = sites[:, :, i], np.roll(sites[:, :, j], (-a, -b), (0, 1))
-            across = np.linalg.norm(other - own - way, axis=-1) > 0.5
-            for start, there in ((own, force > 0.0), (other - way, (force > 0.0) & across)):
-                lines.append(np.stack([start[there], start[there] + way], axis=1))
-                values.append(force[there])
-        return np.concatenate(lines), np.concatenate(values)
+        ends = places[i], places[j] - ways
+        across = np.linalg.norm(ends[1] - ends[0], axis=1) > 0.5
+        start, there = np.concatenate(ends), np.concatenate([force > 0.0, (force > 0.0) & across])
+        way, double = np.concatenate([ways, ways]), np.concatenate([force, force])
+        return np.stack([start, start + way], axis=1)[there], double[there]
 
-    places = sites.reshape(-1, 2)
     bottom = float(np.min(places[:, 1])) - 0.5 * step  # half a row below the lowest, which is not at zero in every cell
     return _Map(
-        places, np.full(len(places), 0.5), np.full(len(places), "none"), sums.ravel(), counts.ravel(),
+        places, np.full(len(places), 0.5), np.full(len(places), "none"), *_sum_forces(i, j, force, len(places)),
         (-0.25, bottom, length - 0.25, bottom + step * columns), 1.0,
         1.15 + float(np.clip(2.5 * columns / rows, 1.6, 6.0)), _write_title(sample),
         ("$x/d$", "$y/d$") if p < 3 else ("Along $a_1$, in $d$", "Across $a_1$ in the layer, in $d$"), find_lines,
     )  # fmt: skip
 
 
+def _sum_forces(i: NDArray[np.intp], j: NDArray[np.intp], force: Array, count: int) -> tuple[Array, Array]:
+    """Return of each of ``count`` balls the sum of the forces of its contacts, and the number of these."""
+    ends = np.concatenate([i, j])
+    sums = np.bincount(ends, np.concatenate([force, force]), count)
+    return np.asarray(sums, float), np.bincount(ends, minlength=count).astype(float)
+
+
 def _project(network: ContactNetwork) -> _Map:
     """Return the balls and contacts of a network, seen along z."""
-    sums, counts = np.zeros(network.n_balls), np.zeros(network.n_balls)
-    for end in (network.i, network.j):
-        np.add.at(sums, end, network.normal_force)
-        np.add.at(counts, end, 1.0)
+    sums, counts = _sum_forces(network.i, network.j, network.normal_force, network.n_balls)
     shown = np.flatnonzero(np.isfinite(network.radii))  # balls, and no flat walls; the lowest come first
     shown = shown[np.argsort(network.positions[shown, 2], kind="stable")]
     places, radii = network.positions[shown, :2], network.radii[shown]
@@ -359,13 +342,6 @@ def _project(network: ContactNetwork) -> _Map:
         f"{counted(len(shown), 'ball')}, {counted(network.n_contacts, 'contact')}{along}", ("$x$", "$y$"),
         find_lines, network, kinds,
     )  # fmt: skip
-
-
-def _name_unit(axis: Axis, label: str, most: float, unit: str, more: str = "") -> None:
-    """Label an axis, whose data are in an SI ``unit``, with the multiple of it that suits the largest number."""
-    size, name = readable_unit(most, unit)
-    axis.set_major_formatter(lambda value, _: f"{value / size:.10g}".replace("-", "\N{MINUS SIGN}"))
-    axis.set_label_text(f"{label} ({name}){more}")
 
 
 def _write_title(sample: Sample) -> str:
@@ -411,9 +387,7 @@ def forces_figure(state: ContactState) -> Figure:
     sample = state.samples[0]
     layer = _find_layer(sample)
     large = float(np.max(layer.size)) > _MOST_DIAMETERS
-    with matplotlib.rc_context(STYLE):
-        height = _LARGE_HEIGHT if large else layer.height
-        figure = Figure(figsize=(PAGE_WIDTH, height), dpi=DPI, layout="constrained")
+    with styled_figure(_LARGE_HEIGHT if large else layer.height, PAGE_WIDTH) as figure:
         *arrays, last = figure.subplots(1, 2 + large)
         if large:
             edges = _choose_window(layer, None)

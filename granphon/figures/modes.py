@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from granphon.figures.scales import add_title, draw_alone, hide_axes
+from granphon.figures.scales import add_title, draw_alone, hide_axes, styled_figure
 
 import matplotlib
 import numpy as np
@@ -147,13 +147,6 @@ def plot_network_mode(
     return ax
 
 
-def network_mode_figure(
-    modes: NetworkModes, *, mode: int = 0, phase: float = 0.0, view: View | None = None, size: float = 0.5
-) -> Figure:
-    """Draw a figure of a mode of a network, one column wide; see :func:`plot_network_mode`."""
-    return draw_alone(lambda ax: plot_network_mode(modes, ax, mode=mode, phase=phase, view=view, size=size), COLUMN_WIDTH)
-
-
 def animate_mode(
     phonons: Phonons,
     q: ArrayLike,
@@ -173,8 +166,7 @@ def animate_mode(
     motion = _find_motion(phonons, q, branch, cells, direction)
     count, part = whole_number("frames", frames, 2, 1000), positive("size", size)
     seen = view or motion.view
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(COLUMN_WIDTH, COLUMN_WIDTH), dpi=150, layout="constrained")
+    with styled_figure(COLUMN_WIDTH, dpi=150) as figure:
         ax = figure.subplots()
 
     def draw(frame: int) -> None:
@@ -335,7 +327,8 @@ def _draw_spheres(
 ) -> None:
     """Draw balls of ``radii`` (n,) as spheres with arrows, or where they have ``moved``, with three great circles on each.
 
-    An arrow starts at the surface of its ball, so that its length is all seen: black for the displacement, ``shift`` (n, 3),
+    An arrow starts at the surface of its ball, and one that points away from the viewer at the outline of the ball, so that
+    its length is all seen: black for the displacement, ``shift`` (n, 3),
     vermilion for the rotation, ``turn`` (n, 3), which is about its arrow. The arc with a head shows the angle through which
     the surface has turned, on the side of the viewer; looking along the arrow, the ball turns clockwise.
     """
@@ -365,7 +358,9 @@ def _draw_spheres(
         for arrow, colour in () if moved else ((u, "black"), (scale * phi, VERMILION)):
             length = float(np.linalg.norm(arrow))
             if length > _LEAST:
-                painter.add_arrow(centre + radius / length * arrow, arrow, colour, _SHAFT)
+                start = arrow - min(float(arrow @ view.axes[2]), 0.0) * view.axes[2]
+                size = float(np.linalg.norm(start)) or 1.0  # along the line of sight nothing is seen of it
+                painter.add_arrow(centre + radius / size * start, arrow, colour, _SHAFT)
         if not moved and scale * np.linalg.norm(phi) > _LEAST:
             # the arc through which a point of the surface, on the side of the viewer, is turned, with a head
             toward, reach, rim = view.axes[2], float(np.linalg.norm(phi)), 1.03 * radius
@@ -378,6 +373,7 @@ def _draw_spheres(
             angles = reach * np.linspace(-0.5, 0.5, 25)
             arc = centre + rim * (np.cos(angles)[:, None] * front + np.sin(angles)[:, None] * side)
             near, end, head = float(view.nearness(centre)) + 1e-3 * rim, angles[-1], 0.5 * rim
+            painter.add_line(arc, "white", 2.6, nearness=near - 1e-4 * rim)  # on balls of any colour
             painter.add_line(arc, VERMILION, 1.1, nearness=near)
             tangent = -np.sin(end) * front + np.cos(end) * side
             painter.add_arrow(arc[-1] - 0.4 * head * tangent, head * tangent, VERMILION, 0.25 * head, nearness=near)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from importlib import import_module
+from inspect import signature
 from typing import TYPE_CHECKING, Any
 
 from granphon.base.errors import InputError, brief, message
@@ -16,45 +17,50 @@ if TYPE_CHECKING:
 
 
 #: for the class of a result, by the package and the name, so that none is imported here: the module of figures, the
-#: function that draws it, and the keyword under which the function takes it
-_PICTURES = {
-    "granphon.Bands": ("bands", "bands_figure", "bands"),
-    "granphon.DensityOfStates": ("bands", "bands_figure", "dos"),
-    "granphon.WidthFit": ("fits", "fit_figure", "fit"),
-    "granphon.TradeOff": ("work_precision", "tradeoff_figure", "result"),
-    "granphon.PathSpectra": ("spectra", "spectrum_figure", "spectra"),
-    "granphon.SpectralFunction": ("spectra", "lines_figure", "spectrum"),
-    "granphon.SpectralDensity": ("spectra", "sample_dos_figure", "dos"),
-    "granphon.SurfaceSpectrum": ("spectra", "surface_figure", "spectrum"),
-    "granphon.Response": ("responses", "response_figure", "response"),
-    "granphon.Pulse": ("pulses", "pulse_figure", "pulse"),
-    "granphon.NetworkModes": ("modes", "network_mode_figure", "modes"),
-    "granphon.ContactNetwork": ("forces", "network_figure", "network"),
-    "granphon.SimulatedState": ("forces", "forces_figure", "state"),
-    "xarray.Dataset": ("sweeps", "sweep_figure", "dataset"),
+#: function that draws it, the keyword under which the function takes it, and where it draws on an Axes, the height of a
+#: figure of it, inches
+_PICTURES: dict[str, tuple[str, str, str, float]] = {
+    "granphon.Bands": ("bands", "bands_figure", "bands", 0.0),
+    "granphon.DensityOfStates": ("bands", "bands_figure", "dos", 0.0),
+    "granphon.WidthFit": ("curves", "fit_figure", "fit", 0.0),
+    "granphon.TradeOff": ("work_precision", "tradeoff_figure", "result", 0.0),
+    "granphon.PathSpectra": ("waves", "spectrum_figure", "spectra", 0.0),
+    "granphon.SpectralFunction": ("waves", "plot_lines", "spectrum", 2.6),
+    "granphon.SpectralDensity": ("waves", "plot_sample_dos", "dos", 2.4),
+    "granphon.SurfaceSpectrum": ("waves", "plot_surface", "spectrum", 3.1),
+    "granphon.Transmission": ("transmission", "plot_transmission", "result", 2.3),
+    "granphon.ComplexBands": ("transmission", "complex_bands_figure", "bands", 0.0),
+    "granphon.Motion": ("motions", "plot_motion", "motion", 2.8),
+    "granphon.Response": ("responses", "response_figure", "response", 0.0),
+    "granphon.Pulse": ("waves", "pulse_figure", "pulse", 0.0),
+    "granphon.NetworkModes": ("modes", "plot_network_mode", "modes", 3.4),
+    "granphon.ContactNetwork": ("forces", "plot_forces", "sample", 0.0),
+    "granphon.SimulatedState": ("forces", "forces_figure", "state", 0.0),
+    "xarray.Dataset": ("curves", "sweep_figure", "dataset", 0.0),
 }
 #: number of balls up to which so many cells of a network are drawn along each of one, two and three periods
 _FEW_BALLS, _CELLS = 8, (8, 4, 2)
 #: what these are called in messages
 _WORDS = (
-    "bands, a density of states, a sweep, a fit, a trade-off, spectra (of an edge too), a pulse, a response, modes, a state,"
-    " a sample, a network, or the result of a run of a scene with bands, a density of states or a sweep"
+    "bands (complex ones too), a transmission, a density of states, a sweep, a fit, a trade-off, spectra (of an edge too), a"
+    " pulse, a response, a motion, modes, a state, a sample, a network, or the result of a run of a scene with bands, a"
+    " density of states or a sweep"
 )
 
 
 def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
     """Draw the default picture of a result, or one picture of several, and return the figure, which a notebook shows.
 
-    ``result`` is bands, a density of states (of a lattice or of a sample), a sweep, a fit, a trade-off, spectra along a path
-    or at single wave vectors, a pulse, a response in frequency, modes of a network (``mode``: which of them), a state at
-    one load, a sample, a network of contacts, or the result of the run of a scene, of which bands, density of states or
-    sweep are drawn. Of a state whose contacts follow from a law the picture is that of some cells of its network.
-    ``options`` are those of the function of :mod:`granphon.figures` that draws it, such as ``asymptotes`` of
+    ``result`` is bands, complex bands, a transmission, a density of states (of a lattice or of a sample), a sweep, a fit, a
+    trade-off, spectra along a path or at single wave vectors, a pulse, a response, a motion, modes of a network (``mode``:
+    which of them), a state at one load, a sample, a network of contacts, or the result of a scene's run, of which bands,
+    density of states or sweep are drawn. Of a state whose contacts follow from a law the picture is that of some cells of
+    its network. ``options`` are those of the function of :mod:`granphon.figures` that draws it, such as ``asymptotes`` of
     ``bands_figure`` and ``variable`` of ``sweep_figure``. Functions that draw on an Axes of yours are in the same modules.
 
     A list of results, or a mapping that names them, is one picture: sweeps, fits and results of scenes over the load, with
     measured points, or bands, or densities of states. ``options`` are then those of
-    :func:`granphon.figures.comparison.plot_together`: ``x``, ``y``, ``data``. With ``axes`` it is drawn there, as is a
+    :func:`granphon.figures.curves.plot_together`: ``x``, ``y``, ``data``. With ``axes`` it is drawn there, as is a
     single result of these kinds, and the figure of the Axes is returned.
 
     Raises :class:`~granphon.base.errors.InputError` for anything else, and for an option that the function does not have.
@@ -63,7 +69,7 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
     # a data set is a mapping too, of variables
     several = isinstance(result, Mapping | list | tuple) and "xarray.Dataset" not in kinds
     if several or axes is not None:
-        from granphon.figures.comparison import comparison_figure, plot_together
+        from granphon.figures.curves import comparison_figure, plot_together
 
         results = result if several else [result]
         _require_options(plot_together, "plot_together", {"results": None, "ax": None}, options)
@@ -78,14 +84,21 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
         known, given = _PICTURES["xarray.Dataset"], {"dataset": dataset}
         if dataset is not result and any(one is not None for one in spectra.values()):
             known, given = _PICTURES["granphon.Bands"], spectra
+        elif dataset is not result and getattr(result, "surface", None) is not None:
+            known, given = _PICTURES["granphon.SurfaceSpectrum"], {"spectrum": result.surface}
     if known is None:
         known, given = _PICTURES["granphon.ContactNetwork"], _find_network(result)
     if not given or (kinds[0] == "xarray.Dataset" and dataset is None):
         refuse_unpressed(result)
         raise InputError(message(f"{brief(result)} has no default picture", mend=f"Give {_WORDS}"))
-    draw: Callable[..., Figure] = getattr(import_module(f"granphon.figures.{known[0]}"), known[1])
-    _require_options(draw, known[1], given, options)
-    return _show(draw(**given, **options))
+    draw: Callable[..., Any] = getattr(import_module(f"granphon.figures.{known[0]}"), known[1])
+    _require_options(draw, known[1], given | {"ax": None}, options)
+    if known[3]:
+        from granphon.figures.scales import draw_alone
+
+        return _show(draw_alone(lambda own: draw(**given, ax=own, **options), known[3]))
+    drawn = draw(**given, **options)
+    return _show(drawn.get_figure() if "ax" in signature(draw).parameters else drawn)
 
 
 def _find_network(result: Any) -> dict[str, Any]:
@@ -97,21 +110,19 @@ def _find_network(result: Any) -> dict[str, Any]:
         return {}
     periods = sum(network.pbc)
     few = periods > 0 and network.n_balls <= _FEW_BALLS
-    return {"network": network.repeat((_CELLS[periods - 1],) * periods) if few else network}
+    return {"sample": network.repeat((_CELLS[periods - 1],) * periods) if few else network}
 
 
-def _show(figure: Figure) -> Figure:
+def _show(figure: Any) -> Figure:
     """Return a plain figure, as the functions make it, as a picture that shows itself, whether pyplot is loaded or not."""
     from granphon.figures.scales import Picture
 
     figure.__class__ = Picture
-    return figure
+    return figure  # type: ignore[no-any-return]
 
 
 def _require_options(draw: Callable[..., Any], name: str, given: dict[str, Any], options: dict[str, Any]) -> None:
     """Raise InputError for an option that the function does not have."""
-    from inspect import signature
-
     allowed = [one for one in signature(draw).parameters if one not in given]
     if unknown := [one for one in options if one not in allowed]:
         mend = f"It has {', '.join(allowed)}" if allowed else "It has none"

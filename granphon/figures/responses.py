@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 
-import matplotlib
+from granphon.figures.scales import styled_figure
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from granphon.base.scales import HertzPrefix
-from granphon.figures.style import COLOURS, COLUMN_WIDTH, DPI, GUIDE, STYLE, print_hertz
+from granphon.figures.style import COLOURS, GUIDE, print_hertz
 from granphon.waves.response import QUANTITIES, Response
 
 #: number of receivers up to which each has a colour and an entry of the legend
@@ -41,8 +42,7 @@ def plot_response(response: Response, above: Axes, below: Axes) -> tuple[Axes, A
 
 def response_figure(response: Response) -> Figure:
     """Draw a figure, one column wide: magnitude above, phase below."""
-    with matplotlib.rc_context(STYLE):
-        figure = Figure((COLUMN_WIDTH, 3.6), dpi=DPI, layout="constrained")
+    with styled_figure(3.6) as figure:
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
         plot_response(response, above, below)
     return figure

@@ -35,6 +35,7 @@ from granphon.figures.style import (
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
 
 
 @contextmanager
@@ -136,18 +137,17 @@ def widen_axis(ax: Axes, which: str, values: Array) -> None:
         ax.set(**{f"{which}lim": (min(low, least * (1.0 - _AROUND)), max(high, most * (1.0 + _AROUND)))})
 
 
-def name_axis(ax: Axes, which: str, values: Array, label: str, unit: str) -> None:
-    """Label the ``which`` axis, which has its scale, with a unit in which the numbers at its ticks are short: µm, GPa.
+def name_axis(axis: Axis, most: float, label: str, unit: str, *, short: bool = False, more: str = "") -> None:
+    """Label an axis, which has its scale, with a unit in which the numbers at its ticks are short: µm, GPa.
 
-    ``values`` are in the SI ``unit``. The data of the axis stay in it: only what is written at the ticks is divided.
+    ``most`` is the largest number, in the SI ``unit``; with ``short`` the unit has a prefix wherever that is shorter.
+    ``more`` follows the unit. The data of the axis stay in SI: only what is written at the ticks is divided.
     """
-    most = float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
-    size, name = prefixed(most, unit) if unit in _PREFIXED and not _SMALL <= most < _LARGE else (1.0, unit)
+    size, name = prefixed(most, unit) if unit in _PREFIXED and (short or not _SMALL <= most < _LARGE) else (1.0, unit)
     name = name.replace("u", "µ")
-    ax.set(**{f"{which}label": label if name in ("", "1") else f"{label} ({name})"})
-    if size == 1.0:
+    axis.set_label_text((label if name in ("", "1") else f"{label} ({name})") + more)
+    if size == 1.0 and not short:
         return
-    axis = getattr(ax, f"{which}axis")
     if axis.get_scale() == "log" and not isinstance(axis.get_major_locator(), _PlainTicks):
         axis.set_major_formatter(lambda value, _: f"$\\mathdefault{{10^{{{round(np.log10(value / size))}}}}}$")
     else:
@@ -164,19 +164,32 @@ class Picture(Figure):
         return stream.getvalue(), {"width": width, "height": height}
 
 
+@contextmanager
+def styled_figure(height: float, width: float = COLUMN_WIDTH, dpi: float = DPI) -> Iterator[Figure]:
+    """Make an empty figure of this size, inches, in the style that holds within the block."""
+    with matplotlib.rc_context(STYLE):
+        yield Figure((width, height), dpi=dpi, layout="constrained")
+
+
 def draw_alone(plot: Callable[[Axes], Any], height: float) -> Figure:
     """Return a figure of one panel, one column wide and ``height`` inches high, on which ``plot`` has drawn."""
-    with matplotlib.rc_context(STYLE):
-        figure = Figure((COLUMN_WIDTH, height), dpi=DPI, layout="constrained")
+    with styled_figure(height) as figure:
         plot(figure.subplots())
     return figure
 
 
-def add_part_bar(figure: Any, axes: Any, colours: Colormap, label: str) -> None:
-    """Draw above axes the colour bar of a part, which goes from 0 to 1."""
-    bar = figure.colorbar(ScalarMappable(Normalize(0.0, 1.0), colours), ax=axes, location="top", aspect=40, pad=0.02)
-    bar.set_ticks([0.0, 0.5, 1.0], labels=["0", "0.5", "1"])
+def add_bar(ax: Axes, drawn: Any, label: str) -> Any:
+    """Draw above an Axes the colour bar of what is drawn there, and return it."""
+    figure: Any = ax.get_figure()
+    bar = figure.colorbar(drawn, ax=ax, location="top", aspect=40, pad=0.02)
     bar.set_label(label)
+    return bar
+
+
+def add_part_bar(ax: Axes, colours: Colormap, label: str) -> None:
+    """Draw above an Axes the colour bar of a part, which goes from 0 to 1."""
+    bar = add_bar(ax, ScalarMappable(Normalize(0.0, 1.0), colours), label)
+    bar.set_ticks([0.0, 0.5, 1.0], labels=["0", "0.5", "1"])
 
 
 def draw_densities(ax: Axes, curves: Iterable[tuple[Any, str, Array, Array, Array]], least: float = 1e-6) -> None:

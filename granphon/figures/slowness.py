@@ -9,9 +9,8 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from granphon.figures.scales import POLARISATION, add_part_bar, hide_axes
+from granphon.figures.scales import POLARISATION, add_part_bar, hide_axes, styled_figure
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
@@ -25,10 +24,9 @@ from granphon.balls.lattices import one_direction
 from granphon.base.errors import InputError, message
 from granphon.base.text import counted
 from granphon.dynamics.branches import connect_branches
-from granphon.figures.style import COLUMN_WIDTH, DPI, FRAME, STYLE, TRANSVERSE_COLOUR
+from granphon.figures.style import FRAME, TRANSVERSE_COLOUR
 from granphon.figures.views import HALO, Painter, View
-from granphon.media.network_state import as_state
-from granphon.media.state import State
+from granphon.media.state import State, as_state
 
 Array = NDArray[np.float64]
 #: s/km in s/m: slowness is drawn in s/km, which is ms/m
@@ -136,7 +134,7 @@ def plot_slowness(state: Any, ax: Axes, *, plane: ArrayLike | None = None, color
         axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10], symmetric=True))
         axis.set_major_formatter(lambda value, _: f"{value:g}".replace("-", "−"))
     if colorbar:
-        add_part_bar(ax.get_figure(), ax, POLARISATION, _PART)
+        add_part_bar(ax, POLARISATION, _PART)
     return ax
 
 
@@ -221,7 +219,7 @@ def plot_slowness_surface(state: Any, ax: Axes, *, view: View | None = None, col
     ax.annotate(f"{unit:g} {_LABEL}", *place, textcoords="offset points", ha="center", va="top")
     hide_axes(ax, np.minimum(low, corner) - [0.1 * longest, 0.3 * longest], high + 0.12 * longest)
     if colorbar:
-        add_part_bar(ax.get_figure(), ax, POLARISATION, _PART)
+        add_part_bar(ax, POLARISATION, _PART)
     return ax
 
 
@@ -231,8 +229,7 @@ def slowness_figure(state: Any, *, title: str | None = None) -> Figure:
     The cuts are spanned by x and y, and by (1, 1, 0) and z. Raises as :func:`plot_slowness`.
     """
     space = as_state(state).reference_lattice.periods == 3
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(COLUMN_WIDTH, 5.0 if space else 3.6), dpi=DPI, layout="constrained")
+    with styled_figure(5.0 if space else 3.6) as figure:
         if space:
             rows: Any = figure.subfigures(2, 1, height_ratios=[1.75, 1.0])
             plot_slowness_surface(state, rows[0].subplots())

@@ -12,8 +12,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from granphon.base.errors import FigureError, GranphonError, message
-from granphon.base.scales import HertzPrefix, prefixed
+from granphon.base.scales import HertzPrefix
 
 if TYPE_CHECKING:
     from matplotlib.animation import FuncAnimation
@@ -60,14 +62,6 @@ def shorten_error(error: Exception) -> str:
     return textwrap.shorten(str(error) or type(error).__name__, _REASON, placeholder=" ...")
 
 
-def readable_unit(largest: float, unit: str) -> tuple[float, str]:
-    """Return the decimal multiple of ``unit`` that suits ``largest``: its size in that unit, and its printed name."""
-    if unit not in ("m", "Pa", "N", "Hz"):
-        return 1.0, "" if unit == "1" else unit
-    size, name = prefixed(largest, unit)
-    return size, name.replace("u", "µ")
-
-
 def print_hertz(unit: HertzPrefix) -> str:
     """Return the name of a decimal unit of hertz as it is printed."""
     return unit.name.replace("uHz", "µHz")
@@ -78,6 +72,12 @@ def colour_kinds(kinds: Iterable[str]) -> dict[str, str]:
     names = list(dict.fromkeys(kinds))
     colours = (*KIND_COLOURS, *(OTHER_KINDS for _ in names))
     return dict(zip(names, colours, strict=False)) if len(names) > 1 else {}
+
+
+def pick_evenly(count: int, most: int) -> list[int]:
+    """Return the numbers of at most ``most`` of ``count`` things, evenly taken, the first and the last among them."""
+    chosen: list[int] = np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int)).tolist()
+    return chosen
 
 
 def save_figure(figure: Figure, path: str | os.PathLike[str], **options: Any) -> None:

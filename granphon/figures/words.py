@@ -8,16 +8,14 @@ from typing import Any
 
 from granphon.balls.packing import Packing
 from granphon.base.quantities import load_quantities
-from granphon.base.scales import prefixed
+from granphon.base.scales import write_quantity
+from granphon.media.choice import EVERY_MEDIUM
 from granphon.media.sampled_balls import DEFAULT_SHAPES
 
 #: a space at which no line ends
 _NO_BREAK = "\u00a0"
 #: the media in words, without their options
-MEDIA = {
-    "ala": "averaged lattice", "afa": "averaged force", "ema": "effective medium", "cluster": "cluster medium",
-    "simulation": "simulation", "auto": "automatic medium", "crystal": "crystal",
-}  # fmt: skip
+MEDIA = {name: medium.words for name, medium in EVERY_MEDIUM.items()}
 #: what the options of media mean in a legend; the value stands for {}
 _OPTIONS = {
     "local_field=paper": "local field of the paper", "friction_history=true": "loaded with friction",
@@ -65,8 +63,7 @@ def write_value(value: float, unit: str) -> str:
     """Return a number with its unit as it stands in a legend, five digits at most: "2.04 µm"."""
     if unit not in ("m", "Pa", "N", "Hz", "N/m"):
         return f"{value:.5g} {unit}".rstrip()
-    size, name = prefixed(value, unit)
-    return f"{value / size:.5g} {name}".replace("u", "µ")
+    return write_quantity(value, unit).replace("u", "µ")
 
 
 def describe_parameter(name: str, value: Any) -> tuple[str, str]:

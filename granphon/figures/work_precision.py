@@ -10,15 +10,13 @@ import math
 import textwrap
 from typing import Any
 
-from granphon.figures.scales import scale_axis, widen_axis
+from granphon.figures.scales import scale_axis, styled_figure, widen_axis
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from granphon.base.errors import InputError, message
-from granphon.figures.style import BLUE, DPI, GREEN, ORANGE, PURPLE, STYLE, VERMILION
+from granphon.figures.style import BLUE, GREEN, ORANGE, PURPLE, VERMILION
 from granphon.tradeoffs.measure import MeasuredPoint, TradeOff
 
 #: colour and marker of each method: told apart by every eye, and in grey by the marker
@@ -39,23 +37,19 @@ _ERRORS = 1e-8, 1e0
 _PLAIN = 100.0
 #: time of a point over that of the slowest one, from which on its label stands on the other side
 _NEAR_END = 0.3
-#: columns of a figure of several studies
-_COLUMNS = 2
 
 
-def plot_work_precision(result: TradeOff, study: str, ax: Axes) -> Axes:
-    """Draw error against time of the points of a study, on logarithmic axes.
+def plot_work_precision(result: TradeOff, ax: Axes) -> Axes:
+    """Draw error against time of the points of a trade-off, on logarithmic axes.
 
     Markers are open where the reference is not a hundred times better. Bars are the spread of times, and the standard
     errors of the errors of random samples. The floor is the
     condition number times rounding; the scatter of random samples is in their errors instead. Points without an error,
     because there is no reference or no difference from it, are marks at the bottom. Points that were not run are counted
-    above the axes, by method. Raises :class:`~granphon.base.errors.InputError` for a study that is not there.
+    above the axes, by method.
     """
-    points = result.of(study)
-    if not points:
-        raise InputError(message(f"there is no study {study!r}", mend="Use one of " + ", ".join(result.studies)))
-    ax.set(xscale="log", yscale="log", xlabel="Time (s)", ylabel="Relative error", title=study[0].upper() + study[1:])
+    points = result.points
+    ax.set(xscale="log", yscale="log", xlabel="Time (s)", ylabel="Relative error", title="Media")
     methods = list(dict.fromkeys(point.method for point in points))
     slowest = max((point.seconds for point in points if point.ran), default=0.0)
     for method, (colour, marker) in zip(methods, itertools.cycle(_LOOKS), strict=False):
@@ -132,20 +126,9 @@ def _limit_bar(point: MeasuredPoint) -> float:
 
 
 def tradeoff_figure(result: TradeOff) -> Figure:
-    """Draw a figure with the diagrams of all studies, see :func:`plot_work_precision`; two side by side.
-
-    A study of which nothing can be measured, as of a lattice that its reference does not know, has no diagram.
-    """
-    studies = result.studies
-    columns = min(_COLUMNS, len(studies))
-    rows = -(-len(studies) // columns)
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(3.5 * columns, 3.3 * rows), dpi=DPI, layout="constrained")
-        axes = figure.subplots(rows, columns, squeeze=False).ravel()
-        for ax, study in zip(axes, studies, strict=False):
-            plot_work_precision(result, study, ax)
-        for ax in axes[len(studies) :]:
-            ax.set_axis_off()
+    """Draw a figure of the diagram of a trade-off, see :func:`plot_work_precision`."""
+    with styled_figure(3.3, 3.5) as figure:
+        plot_work_precision(result, figure.subplots())
         # the layout changes the width of the axes, and with it the ticks, whose labels the layout is made for
         figure.draw_without_rendering()
     return figure

@@ -34,11 +34,9 @@ from granphon.base.text import closest
 from granphon.base.validation import positive, require, truth
 from granphon.dynamics.branches import follow_acoustic_branches
 from granphon.media.choice import MediumChoice, no_simulation
-from granphon.media.loaded_lattice import ideal_lattice
 from granphon.media.mean_field import AveragedLattice
-from granphon.media.state import ContactState
-from granphon.observables.pulses import pulse_velocities
-from granphon.observables.velocities import local_exponent
+from granphon.media.state import ContactState, ideal_lattice
+from granphon.observables.velocities import local_exponent, pulse_velocities
 
 Array = NDArray[np.float64]
 #: the branches whose velocities may be fitted; the last two take the place of the second where there are two of them

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import InitVar, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -23,12 +23,14 @@ from granphon.balls.motions import Motions
 from granphon.balls.packing import Packing, given_packing
 from granphon.balls.parameters import KIND_PARAMETERS
 from granphon.base.errors import InputError, message
-from granphon.base.text import closest
+from granphon.base.text import closest, counted
 from granphon.media.crystal import Crystal, CrystalState
 from granphon.media.medium import MediumBase
-from granphon.media.network_state import NetworkStates
+from granphon.media.state import NetworkStates
 
 Array = NDArray[np.float64]
+#: what an arrangement takes as a crystal does
+_OPTIONS = ("law", "friction", "motions", "torsion", "bending")
 #: balls of a crystal up to which its states are found when a scene is only checked
 _QUICK_BALLS = 500
 
@@ -47,8 +49,14 @@ class CrystalCell(Lattice):
         places[:, :p] = places[:, :p] @ np.linalg.inv(crystal.cell[:, :p])
         places[:, p:] /= diameter
         cell = cls(crystal.name, *(tuple(map(tuple, one.tolist())) for one in (crystal.cell / diameter, places)))
-        cell.__dict__.update(contacts=crystal.contacts, _pressed=p + len(crystal.faces))
+        reach = float(np.linalg.norm(crystal.contacts.vector, axis=1).max(initial=0.0)) / diameter
+        cell.__dict__.update(contacts=crystal.contacts, _pressed=p + len(crystal.faces), _reach=reach)
         return cell
+
+    @property
+    def reach(self) -> float:
+        """Length of the longest contact, in mean diameters."""
+        return float(self.__dict__["_reach"])
 
     @property
     def pressed_axes(self) -> int:
@@ -70,7 +78,7 @@ class Arrangement:
     cut : axis, number of layers, and (lower, upper) edge of each cut of that supercell, in turn.
     replace : numbers of balls of what was cut, each with the name of the kind that takes its place.
     remove : numbers of balls that are taken out then.
-    law : the contact law, or the items of a mapping of pairs of kinds to laws.
+    law : the contact law, or pairs of names of kinds, each with its law.
     friction, motions, torsion, bending : as for a :class:`~granphon.Crystal`; torsion and bending are pure numbers.
     seed : of the diameters of balls, if kinds have a spread: the supercell is then a sample, :meth:`Crystal.sample`.
     given : the crystal itself, if it was not made of the others.
@@ -95,7 +103,7 @@ class Arrangement:
     torsion: float | str = 0.0
     bending: float = 0.0
     seed: int = 0
-    given: InitVar[Crystal | None] = None
+    given: Crystal | None = field(default=None, repr=False, compare=False)
 
     @classmethod
     def of(cls, crystal: Crystal) -> Arrangement:
@@ -105,14 +113,11 @@ class Arrangement:
             tuple(zip(crystal.names, crystal.kinds, strict=True)), cell=tuple(map(tuple, crystal.cell.tolist())),
             sites=tuple(zip(map(tuple, crystal.positions.tolist()), names, strict=True)),
             cut=tuple((face.axis, 0, (face.edges[0], face.edges[1])) for face in crystal.faces),
-            law=tuple(crystal.law.items()) if isinstance(crystal.law, Mapping) else crystal.law,
-            **{name: getattr(crystal, name) for name in ("friction", "motions", "torsion", "bending")}, given=crystal,
+            **{name: getattr(crystal, name) for name in _OPTIONS}, given=crystal,
         )  # fmt: skip
 
-    def __post_init__(self, given: Crystal | None) -> None:
-        self.__dict__["_is_given"] = given is not None
-        if given is not None:
-            self.__dict__["crystal"] = given
+    def __post_init__(self) -> None:
+        """Raise an error unless the crystal has a period."""
         if not self.crystal.periods:
             what, why = "the crystal repeats nowhere", "Scenes compute what waves do along periods"
             raise InputError(message(what, why, "Take gp.Crystal and gp.Waves, or leave a period"))
@@ -120,9 +125,11 @@ class Arrangement:
     @cached_property
     def crystal(self) -> Crystal:
         """The crystal."""
+        if self.given is not None:
+            return self.given
         balls = {name: replace(ball, name=name) for name, ball in self.kinds}
-        law = dict(self.law) if isinstance(self.law, tuple) else self.law
-        options = {name: getattr(self, name) for name in ("friction", "motions", "torsion", "bending")} | {"law": law}
+        options = {name: getattr(self, name) for name in _OPTIONS}
+        options["law"] = dict(self.law) if isinstance(self.law, tuple) else self.law
 
         def find(name: str) -> Ball:
             if name not in balls:
@@ -151,6 +158,16 @@ class Arrangement:
         return found.remove(list(self.remove)) if self.remove else found
 
     # -- what a packing has too -------------------------------------------------------------------------------------------
+
+    @property
+    def kind_names(self) -> tuple[str, ...]:
+        """Names of the kinds of which there are balls."""
+        return self.crystal.names
+
+    @property
+    def is_held(self) -> bool:
+        """Whether a floor or clamp holds balls."""
+        return self.crystal.is_held
 
     @property
     def diameter(self) -> float:
@@ -191,11 +208,18 @@ class Arrangement:
     def describe(self) -> list[tuple[str, Any, str]]:
         """Return names, values and SI units of what describes it, as a notebook shows them."""
         crystal, rows = self.crystal, list[tuple[str, Any, str]]()
-        for name, ball in self.kinds:
+        for name, ball in ((name, ball) for name, ball in self.kinds if name in crystal.names):
+            own, unit = ball.material, {"young_modulus": "Pa", "density": "kg/m^3", "yield_strength": "Pa"}
+            told = {key: value for key, value in vars(own).items() if value is not None}
             rows += [(f"diameter of {name}", ball.diameter, "m"), (f"mass of {name}", ball.mass, "kg")]
+            rows += [(f"{key.replace('_', ' ')} of {name}", value, unit.get(key, "")) for key, value in told.items()]
         counts = [np.count_nonzero(crystal.kind == number) for number in range(len(crystal.kinds))]
         balls = ", ".join(f"{count} {name}" for count, name in zip(counts, crystal.names, strict=True))
-        return [*rows, ("crystal", crystal.name, ""), ("balls of the cell", balls, ""), ("friction", self.friction, "")]
+        law = "of each pair" if isinstance(self.law, tuple) else type(self.law).__name__
+        rows += [("crystal", crystal.name, ""), ("balls of the cell", balls, ""), ("contact law", law, "")]
+        rows += [("cut", f"{counted(layers, 'layer')}, {' and '.join(edges)}", "") for _, layers, edges in self.cut]
+        rows += [(name, getattr(self, name), "k d^2") for name in ("torsion", "bending") if getattr(self, name)]
+        return [*rows, ("friction", self.friction, ""), ("motions", crystal.ball_motions.name.replace("_", " "), "")]
 
     def change(self, values: Mapping[str, Any]) -> Arrangement:
         """Return the arrangement with other ``values`` of parameters of kinds, in SI units: {"A.diameter": 8e-3}, m.
@@ -206,8 +230,8 @@ class Arrangement:
         balls = dict(self.kinds)
         for name, value in values.items():
             kind, _, own = name.rpartition(".")
-            if kind not in balls or own not in KIND_PARAMETERS:
-                allowed = ", ".join(f"{one}.{parameter}" for one in balls for parameter in KIND_PARAMETERS)
+            if kind not in self.kind_names or own not in KIND_PARAMETERS:
+                allowed = ", ".join(f"{one}.{parameter}" for one in self.kind_names for parameter in KIND_PARAMETERS)
                 raise InputError(message(f"the crystal has no parameter {name!r}", f"It has {allowed}", "Use one of these"))
             ball = balls[kind]
             solid = math.isclose(ball.mass, ball.material.ball_mass(ball.diameter), rel_tol=1e-12)
@@ -216,12 +240,19 @@ class Arrangement:
             of_ball = own in ("diameter", "mass")
             anew |= {own: value} if of_ball else {"material": replace(ball.material, **{own: value})}
             balls[kind] = replace(ball, **anew)
-        given = self.crystal.with_balls(balls) if self.__dict__["_is_given"] else None
+        given = None if self.given is None else self.given.with_balls(balls)
         return replace(self, kinds=tuple(balls.items()), given=given)
 
 
 #: what a scene, a sweep or a task is about
 Balls = Packing | Arrangement
+
+
+def given_balls(packing: Any) -> Balls:
+    """Return ``packing``, the argument of a public call: a packing, or an arrangement, also of a crystal."""
+    if isinstance(packing, Crystal):
+        return Arrangement.of(packing)
+    return packing if isinstance(packing, Arrangement) else given_packing(packing)
 
 
 class LoadedCrystal(NetworkStates):
@@ -313,20 +344,20 @@ class LoadedCrystal(NetworkStates):
 class CrystalMedium(MediumBase[Any]):
     """Balls of several kinds, each contact with its own law and force: what an :class:`Arrangement` makes."""
 
-    name = "crystal"
+    name, words = "crystal", "crystal"
 
     packing: Any
 
     def __init__(self, packing: Any) -> None:
-        if not isinstance(packing, Arrangement):
-            what, why = f"the balls are {given_packing(packing)!r}", "The medium crystal is that of balls of several kinds"
-            raise InputError(message(what, why, "Take ala, or give the blocks balls and crystal"))
         self.packing = packing
 
     @property
     def is_quick(self) -> bool:
         """Whether its states take less than 0.1 s."""
         return bool(self.packing.crystal.n_balls <= _QUICK_BALLS)
+
+    def require_sound(self, pushed: bool = False) -> None:
+        """Raise nothing: which contacts carry is found with the state."""
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> Any:
         """Return the state at a load, with the shape of the values of the load."""

@@ -77,7 +77,7 @@ class AutoMedium(MediumBase[ContactState]):
         does not offer.
     """
 
-    name = "auto"
+    name, words = "auto", "automatic medium"
 
     packing: Packing
     tolerance: float = 1e-3
@@ -173,9 +173,9 @@ _AnyMedium = AveragedLattice | AveragedForce | EffectiveMedium | ClusterMedium |
 #: the classes of media of packings by the names that scenes and sweeps use
 MEDIA: Mapping[str, type[_AnyMedium]] = {medium.name: medium for medium in get_args(_AnyMedium)}
 #: the same, and that of crystals
-_EVERY: Mapping[str, type[_AnyMedium | CrystalMedium]] = {**MEDIA, CrystalMedium.name: CrystalMedium}
+EVERY_MEDIUM: Mapping[str, type[_AnyMedium | CrystalMedium]] = {**MEDIA, CrystalMedium.name: CrystalMedium}
 #: the options of each medium, by the name of the medium and then of the option
-OPTIONS: Mapping[str, Mapping[str, Option]] = {name: medium.options for name, medium in _EVERY.items()}
+OPTIONS: Mapping[str, Mapping[str, Option]] = {name: medium.options for name, medium in EVERY_MEDIUM.items()}
 
 
 @dataclass(frozen=True)
@@ -197,7 +197,7 @@ class MediumChoice:
     options: tuple[tuple[str, Load | Any], ...] = ()  # the class is named so that plain data are made into it again
 
     def __post_init__(self) -> None:
-        name = require("medium", partial(choice, options=tuple(_EVERY)), self.name)
+        name = require("medium", partial(choice, options=tuple(EVERY_MEDIUM)), self.name)
         given = require(f"medium.{name}", partial(_read_options, name), dict(self.options))
         # options at their default are dropped, so that choices with the same meaning compare equal
         kept = tuple(one for one in sorted(given.items()) if one[1] != OPTIONS[name][one[0]].default)
@@ -228,7 +228,7 @@ class MediumChoice:
         found = self.settings
         if "shape" in found:
             found["shape"] = found["shape"] or DEFAULT_SHAPES[lattice.periods]
-        if found and not self.history.is_loaded:
+        if "friction_history" in found and not self.history.is_loaded:
             found = {name: value for name, value in found.items() if name not in HISTORY_OPTIONS}
         if isinstance(start := found.get("start"), Load):
             found["start"] = {start.kind: load_quantities(lattice.periods)[start.kind].write(float(start.array))}
@@ -334,11 +334,25 @@ class MediumChoice:
             why = "It chooses another medium at each load and width"
             raise InputError(message(f"the medium {self.label!r} cannot be used in {what}", why, "Name a medium"))
 
+    def require_arrays(self, what: str) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` unless it simulates arrays, as ``what`` is asked of these."""
+        if not self.simulates:
+            said = f"{what} is asked for, and the medium {self.label!r} has no balls that it runs through"
+            raise InputError(message(said, mend="Take medium: simulation, or in Python gp.Waves of a state's network"))
+
+    def require_for(self, balls: Balls) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if it is no medium of these balls, of one kind or of several."""
+        if bool(balls.kind_names) != (self.name == CrystalMedium.name):
+            several, mend = "balls of several kinds", f"Take {default_medium(balls)}"
+            why = f"{several.capitalize()} have the medium {CrystalMedium.name} alone, and no others have it"
+            raise InputError(message(f"the medium is {self.label!r}", why, mend))
+
     def of(self, packing: Balls) -> _AnyMedium | CrystalMedium:
         """Return the medium for this packing."""
+        self.require_for(packing)
         options: Any = dict(self.options)
-        own: Any = packing  # a medium refuses the balls that it is not for
-        return _EVERY[self.name](own, **options)
+        own: Any = packing
+        return EVERY_MEDIUM[self.name](own, **options)
 
     def choose(self, packing: Balls, load: Load) -> list[ServingMedium]:
         """Return the media that serve the values of an applied load.
@@ -479,6 +493,12 @@ def read_medium(value: Any, lattice: Lattice | None = None, written: bool = Fals
     return read if lattice is None else read.on(lattice)
 
 
+def default_medium(balls: Balls, differ: bool = False) -> str:
+    """Return the name of the medium of balls for which none is named, and whose diameters ``differ`` or not."""
+    name = EffectiveMedium.name if differ else AveragedLattice.name
+    return CrystalMedium.name if balls.kind_names else name
+
+
 def no_simulation(media: Iterable[MediumChoice]) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if a medium is a simulation without terms of finite overlap.
 
@@ -503,6 +523,6 @@ def _read_options(name: str, given: Any, lattice: Lattice | None = None, written
 
         rules["start"] = partial(read_start, load=read)
     found = block(given, rules)
-    if found:
+    if found and "friction_history" in rules:
         FrictionHistory.read(found)
     return found

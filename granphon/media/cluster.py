@@ -41,7 +41,7 @@ class ClusterMedium(LawMedium):
         :class:`~granphon.base.errors.MechanismError` if the lattice has a motion that costs no energy.
     """
 
-    name = "cluster"
+    name, words = "cluster", "cluster medium"
     slow_part = "the cluster medium"
 
     packing: Packing

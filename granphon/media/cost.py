@@ -2,7 +2,7 @@
 
 Memory follows from the arrays. The time of a simulation is the processor's time of a small sample, measured on this machine
 when it is needed, times factors for the size, the lattice and the load: the nearer the rigidity threshold, the more steps an
-equilibrium takes, and a step of few balls takes hardly less than one of thousands. The factors were fitted to runs of 8^2
+equilibrium takes, and a step of few balls takes hardly less than one of thousands. The factors were fitted to runs of 16^2
 to 192^2 balls on the triangular lattice between f* = 0.002 and 2, and of 4^3 to 24^3 cells in fcc between 0.03 and 2, on
 the lattice and in the exact geometry. The estimate is within a factor of three of them; below f* = 0.02 large arrays may
 take up to five times as long. That of loading with friction is the number of steps of the load times that of iterations of
@@ -67,19 +67,17 @@ _EQUILIBRIUM_BYTES = {1: 9.0, 2: 17.0, 3: 25.0}
 _LEAST_FORCE = 5e-5
 #: time of a state per ball, its equilibrium and its linear response, over that of the equilibrium of the small sample: with
 #: one, two and three periods, without rotations and with them
-_STATE_TIME = {1: (0.5, 0.5), 2: (1.5, 1.8), 3: (4.5, 8.0)}
+_STATE_TIME = {1: (0.5, 0.5), 2: (1.9, 2.25), 3: (4.5, 8.0)}
 #: number of balls of an array whose steps take twice as long as for the balls alone
-_FEW_BALLS = 4500.0
+_FEW_BALLS = 2000.0
 #: part by which each further ball of the cell makes the time per ball longer
 _FURTHER_BALL_TIME = 0.4
 #: part of it that the linear response takes
 _RESPONSE_PART = 0.45
 #: time of a state with its exponent, for which two neighbouring states are found, over that of the state
 _EXPONENT_TIME = 2.6
-#: time of a state in the exact geometry over that on the lattice, and f* below which it grows as 1/f*^(1/2): more balls are
-#: loose
-_EXACT_TIME = 4.0
-_LOOSE_FORCE = 0.03
+#: time of a state in the exact geometry over that on the lattice
+_EXACT_TIME = 2.5
 #: steps of the load for each unit of a*, at the tolerance 1e-4; they grow as its inverse root
 _STEPS = 30.0
 #: steps to each load, at least: the error of one is known from two of half its length
@@ -312,9 +310,7 @@ def estimate(simulation: DirectSimulation, load: Load, exponents: bool = False) 
         # on a line no contact opens, and no load is near a threshold
         near = force if periods > 1 else np.full_like(force, _SMALL_FORCE)
         each, small = (0.45 + np.minimum(0.28 * f**-0.8, f**-0.42) for f in (near, _SMALL_FORCE))
-        each = each / small
-        if simulation.is_exact:
-            each = _EXACT_TIME * np.sqrt(np.maximum(_LOOSE_FORCE / force, 1.0)) * each
+        each = each / small * (_EXACT_TIME if simulation.is_exact else 1.0)
         work = float(np.sum(each)) * state * (_EXPONENT_TIME if exponents else 1.0)
     work *= (1.0 + _FURTHER_BALL_TIME * (structure.n_balls - 1)) * balls * simulation.samples
     bounds = history.from_gas or 0.0 < mu < _LEAST_FRICTION or history.step_tolerance < _LEAST_TOLERANCE

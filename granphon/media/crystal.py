@@ -14,35 +14,36 @@ import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from operator import attrgetter
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.sparse_matrices import compose
-from granphon.balls.ball import BALL_LIMITS, RIGID_PLANE, WRONG_UNIT, Ball, Body, ContactConstants
-from granphon.balls.contact_laws import Hertz, PairLaw, check_law, law_between
-from granphon.balls.contact_table import TOUCH, ContactTable, find_contacts, require_joined
-from granphon.balls.hertz import MOST_CONTACT_RADIUS
+from granphon.balls.ball import BALL_LIMITS, RIGID_PLANE, Ball, Body, ContactConstants
+from granphon.balls.contact_laws import DMT, JKR, Hertz, PairLaw, PowerLaw, TabulatedLaw, check_law, law_between
+from granphon.balls.contact_table import TOUCH, ContactTable, find_contacts, repeat_contacts, require_joined
 from granphon.balls.lattices import LATTICES, Lattice, find_lattice
 from granphon.balls.layers import Layers, find_faces, read_edges
-from granphon.balls.material import ONSET_OF_YIELD
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.balls.packing import MINDLIN, read_rolling, require_shallow
 from granphon.base.errors import InputError, brief, message
-from granphon.base.results import read_only
+from granphon.base.results import Result, read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
 from granphon.base.validation import finite_array, label, lengths, real_array, require, truth, whole_number
 from granphon.media.crystal_statics import Frame, Push, Rest, Springs, settle, settle_exactly
+from granphon.media.limits import Check, check_limit
 from granphon.media.state import read_finite_overlap
 from granphon.networks.network import ContactNetwork
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+#: a contact law that plain data can hold
+Laws = Hertz | PowerLaw | DMT | JKR | TabulatedLaw
 #: structures of two kinds of balls, beside the lattices that have a name
 STRUCTURES = ("NaCl", "CsCl", "zincblende")
 #: most cells of a supercell along a period, and most layers of a cut
@@ -59,7 +60,8 @@ _SAMPLED = 1e-11
 _SAME_EXPONENT = 1e-9
 
 
-class _Faces(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Faces:
     """The two faces of a cut, across ``axis`` of the crystal, lower and upper.
 
     ``balls`` are those that a face touches, or the layer that it holds; ``thickness`` is that of all layers, m.
@@ -70,9 +72,19 @@ class _Faces(NamedTuple):
     edges: tuple[str, str]
     balls: tuple[Index, Index]
 
+    @property
+    def is_pressed(self) -> bool:
+        """Whether both faces are walls, of which a load moves the upper one."""
+        return "free" not in self.edges
+
+    @property
+    def is_held(self) -> bool:
+        """Whether a face is a wall."""
+        return self.edges != ("free", "free")
+
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
-class Crystal:
+class Crystal(Result):
     """Balls of several kinds on the sites of a cell, which touch their neighbours.
 
     Parameters
@@ -114,13 +126,13 @@ class Crystal:
     cell: Array
     positions: Array
     contacts: ContactTable
-    law: Any
+    law: Hertz | PowerLaw | DMT | JKR | TabulatedLaw | tuple[tuple[tuple[str, str], Laws], ...] | Any
     friction: bool
     motions: str | None
     torsion: float | str
     bending: float
     name: str
-    faces: tuple[_Faces, ...]
+    faces: tuple[Faces, ...]
     deviations: Array | None
 
     def __init__(
@@ -159,7 +171,7 @@ class Crystal:
         read = read_rolling(f"the crystal {name!r}", d, motions, torsion, bending)
         self._set(
             kinds=kinds, names=_name_kinds(kinds), kind=kind, cell=vectors, positions=places, contacts=contacts,
-            law=Hertz() if law is None else law, friction=require("friction", truth, friction), motions=motions,
+            law=_read_law(law), friction=require("friction", truth, friction), motions=motions,
             torsion=read[0], bending=read[1], name=name, faces=(), deviations=None,
         )  # fmt: skip
 
@@ -169,12 +181,30 @@ class Crystal:
             object.__setattr__(self, key, kept)
         _ = self._springs  # the laws of all pairs are there
 
+    @classmethod
+    def _of_fields(cls, *values: Any) -> Self:
+        made = object.__new__(cls)
+        made._set(**{field.name: value for field, value in zip(fields(cls), values, strict=True)})
+        return made
+
     def _derive(self, **changes: Any) -> Self:
         """Return the crystal with other values of some attributes."""
-        other = object.__new__(type(self))
-        fields = {key: getattr(self, key) for key in self.__dataclass_fields__}
-        other._set(**(fields | changes))
-        return other
+        return self._of_fields(*(changes.get(one.name, getattr(self, one.name)) for one in fields(self)))
+
+    def _take(self, origin: Index, contacts: ContactTable, positions: Array, **changes: Any) -> Self:
+        """Return a crystal of balls that are those of the numbers ``origin``; they keep what they are, and their faces."""
+        kind = self.kind[origin]
+        used = kind[np.sort(np.unique(kind, return_index=True)[1])]
+        faces = []
+        for face in self.faces:
+            low, high = (read_only(np.flatnonzero(np.isin(origin, at))) for at in face.balls)
+            faces.append(replace(face, balls=(low, high)))
+        return self._derive(
+            kinds=tuple(self.kinds[one] for one in used), names=tuple(self.names[one] for one in used),
+            kind=np.argsort(used)[np.searchsorted(np.sort(used), kind)], positions=positions, contacts=contacts,
+            deviations=None if self.deviations is None else self.deviations[origin],
+            faces=tuple(faces), **changes,
+        )  # fmt: skip
 
     # -- other ways to make one -------------------------------------------------------------------------------------------
 
@@ -256,24 +286,11 @@ class Crystal:
             raise InputError(message(f"crystal {self.name!r} has no period along which it could be repeated"))
         full = require("shape", lambda value: lengths(value, 1, _MOST_CELLS, self.periods), shape)
         _require_room(math.prod(full) * self.n_balls)
-        cells = np.stack(np.meshgrid(*map(np.arange, full), indexing="ij"), axis=-1).reshape(-1, self.periods)
-        table, n, count = self.contacts, self.n_balls, len(cells)
-        steps = cells[:, None] + table.shift
-        there, wrapped = np.mod(steps, full), np.floor_divide(steps, full)
-        number = np.ravel_multi_index(tuple(np.moveaxis(there, -1, 0)), full)
-        first = n * np.arange(count)[:, None]
-        contacts = ContactTable(
-            read_only((first + table.i).ravel()), read_only((n * number + table.j).ravel()),
-            read_only(wrapped.reshape(-1, self.periods)),
-            *(read_only(np.tile(one, (count, *(1,) * (one.ndim - 1)))) for one in (
-                table.normal, table.vector, table.arm_i, table.arm_j)),
-        )  # fmt: skip
-        return self._derive(
-            kind=np.tile(self.kind, count), cell=self.cell * np.array(full)[:, None], contacts=contacts,
-            positions=((cells @ self.cell)[:, None] + self.positions).reshape(-1, self.dimension),
-            faces=tuple(face._replace(balls=_both(face, lambda at: (first + at).ravel())) for face in self.faces),
-            deviations=None if self.deviations is None else np.tile(self.deviations, count),
-        )  # fmt: skip
+        table, n = self.contacts, self.n_balls
+        cells, *ends = repeat_contacts(table.i, table.j, table.shift, n, tuple(full))
+        origin, rows = np.tile(np.arange(n), len(cells)), np.tile(np.arange(len(table)), len(cells))
+        positions = ((cells @ self.cell)[:, None] + self.positions).reshape(-1, self.dimension)
+        return self._take(origin, table.take(rows, *ends), positions, cell=self.cell * np.array(full)[:, None])
 
     def sample(self, shape: Any = None, seed: int = 0, diameters: ArrayLike | None = None) -> Self:
         """Return a supercell whose balls have their own diameters, with the distributions that their kinds have as spreads.
@@ -366,20 +383,10 @@ class Crystal:
         kept[self._read_balls(index)] = False
         if not np.any(kept):
             raise InputError(message("no ball is left"))
-        place = np.cumsum(kept) - 1
-        table = self.contacts
-        among = kept[table.i] & kept[table.j]
-        contacts = ContactTable(
-            read_only(place[table.i[among]]), read_only(place[table.j[among]]),
-            *(read_only(getattr(table, one)[among]) for one in ("shift", "normal", "vector", "arm_i", "arm_j")),
-        )  # fmt: skip
-        faces = tuple(face._replace(balls=_both(face, lambda at: place[at[kept[at]]])) for face in self.faces)
-        kinds, kind = _find_kinds([self.kinds[one] for one in self.kind[kept].tolist()])
-        known = dict(zip(self.kinds, self.names, strict=True))
-        other = self._derive(
-            kinds=kinds, kind=kind, names=_name_kinds(kinds, known), positions=self.positions[kept], contacts=contacts,
-            faces=faces, deviations=None if self.deviations is None else self.deviations[kept],
-        )  # fmt: skip
+        place, table, origin = np.cumsum(kept) - 1, self.contacts, np.flatnonzero(kept)
+        rows = np.flatnonzero(kept[table.i] & kept[table.j])
+        contacts = table.take(rows, place[table.i[rows]], place[table.j[rows]], table.shift[rows])
+        other = self._take(origin, contacts, self.positions[kept])
         other._require_joined()
         return other
 
@@ -412,24 +419,16 @@ class Crystal:
         count = whole_number("layers", layers, 1, _MOST_CELLS)
         _require_room(count * self.n_balls)
         words, layering = read_edges(edges), Layers.across(axis, self.cell)
-        p, d, n, table, turn = self.periods, self.dimension, self.n_balls, self.contacts, layering.turn
-        level, stack = np.arange(count), layering.stack
-        i, j, row, shift = layering.unfold(table.i, table.j, table.shift, n, count)
-        normal, vector = table.normal @ turn.T, table.vector @ turn.T
-        contacts = ContactTable(
-            *map(read_only, (i, j, shift)), *(read_only(one[row]) for one in (normal, vector, table.arm_i, table.arm_j)),
-        )  # fmt: skip
-        positions = ((self.positions @ turn.T)[None] + level[:, None, None] * stack).reshape(-1, d)
-        kind, a = np.tile(self.kind, count), p - 1
-        radii = np.tile(self._mean_radii, count)
-        faces = [face._replace(balls=_both(face, lambda at: (level[:, None] * n + at).ravel())) for face in self.faces]
-        outer = find_faces(positions[:, a], radii, words, n)
-        thickness = count * abs(float(stack[a]))
-        other = self._derive(
-            kind=kind, cell=layering.cell, positions=positions, contacts=contacts,
-            faces=(*faces, _Faces(a, thickness, words, outer)),
-            deviations=None if self.deviations is None else np.tile(self.deviations, count),
-        )  # fmt: skip
+        d, n, a, table = self.dimension, self.n_balls, self.periods - 1, self.contacts
+        turn, stack = layering.turn, layering.stack
+        sites, shift = layering.gather(self.positions, table.i, table.j, table.shift)
+        i, j, rows, shift = layering.unfold(table.i, table.j, shift, n, count)
+        positions = ((sites @ turn.T)[None] + np.arange(count)[:, None, None] * stack).reshape(-1, d)
+        origin = np.tile(np.arange(n), count)
+        outer = find_faces(positions[:, a], self._mean_radii[origin], words, n)
+        other = self._take(origin, table.take(rows, i, j, shift, turn), positions, cell=layering.cell)
+        face = Faces(a, count * abs(float(stack[a])), words, outer)
+        other = other._derive(faces=(*other.faces, face))
         other._require_joined()
         return other
 
@@ -519,7 +518,7 @@ class Crystal:
     @property
     def is_held(self) -> bool:
         """Whether a floor or clamp holds balls of it."""
-        return any(word != "free" for face in self.faces for word in face.edges)
+        return any(face.is_held for face in self.faces)
 
     @property
     def downward(self) -> Array:
@@ -528,8 +527,8 @@ class Crystal:
         Raises :class:`~granphon.base.errors.InputError` if no face is.
         """
         for face in self.faces:
-            if (held := [word != "free" for word in face.edges]) != [False, False]:
-                return np.asarray((-1.0 if held[0] else 1.0) * np.eye(self.dimension)[face.axis])
+            if face.is_held:
+                return np.asarray((-1.0 if face.edges[0] != "free" else 1.0) * np.eye(self.dimension)[face.axis])
         what = f"nothing holds crystal {self.name!r} against gravity"
         raise InputError(message(what, mend='Cut it with a floor or clamp: c.cut(axis, layers, ("floor", "free"))'))
 
@@ -568,21 +567,16 @@ class Crystal:
         pairs, number = self._pairs
         laws: list[PairLaw] = []
         checked: set[int] = set()
-        if isinstance(self.law, Mapping):
-            # a law may also name kinds that are not there, or no more: a defect may bring one
-            for key in self.law:
-                if not (isinstance(key, tuple) and len(key) == 2 and all(isinstance(one, str) for one in key)):
-                    raise InputError(message(f"law has the key {brief(key)}", mend='Give pairs of names, as ("A", "B")'))
-                if key != key[::-1] and key[::-1] in self.law and self.law[key] != self.law[key[::-1]]:
-                    raise InputError(message(f"law has two laws for contacts of {key}", mend="Give one, in either order"))
+        # a law may also name kinds that are not there, or no more: a defect may bring one
+        given: Any = self.law if isinstance(self.law, tuple) else ()
+        laws_of = {frozenset(pair): law for pair, law in given}
         for ball, other, one, two in pairs:
-            law = self.law
-            if isinstance(law, Mapping):
-                law = law.get((one, two), law.get((two, one)))
-                if law is None:
-                    missing = [f"({a!r}, {b!r})" for _, _, a, b in pairs if {(a, b), (b, a)}.isdisjoint(self.law)]
-                    what, why = f"law has none for contacts of {', '.join(missing)}", f"It has {brief(list(self.law))}"
-                    raise InputError(message(what, why, "Give one for each pair of kinds that touch"))
+            law = laws_of.get(frozenset((one, two))) if given else self.law
+            if law is None:
+                missing = [f"({a!r}, {b!r})" for _, _, a, b in pairs if frozenset((a, b)) not in laws_of]
+                what = f"law has none for contacts of {', '.join(missing)}"
+                why = f"It has {brief([tuple(pair) for pair, _ in given])}"
+                raise InputError(message(what, why, "Give one for each pair of kinds that touch"))
             found = law_between(law, ball, other)
             if id(found) not in checked:
                 check_law(found, ContactConstants.of(ball, other).radius)
@@ -620,7 +614,7 @@ class Crystal:
         walls: list[tuple[int, int]] = []  # axis and number of balls of each wall that moves
         wall_of = {}
         for number, face in enumerate(self.faces):
-            if all(word != "free" for word in face.edges):
+            if face.is_pressed:
                 wall_of[number] = len(walls)
                 walls.append((face.axis, len(face.balls[1])))
             for upper, word, at in zip((False, True), face.edges, face.balls, strict=True):
@@ -821,7 +815,7 @@ class Crystal:
         if not np.any(field):
             return None
         across = np.abs(field) > 1e-12 * np.max(np.abs(field))
-        walls = {face.axis for face in self.faces if any(word != "free" for word in face.edges)}
+        walls = {face.axis for face in self.faces if face.is_held}
         for axis in np.flatnonzero(across).tolist():
             if axis < p or (axis not in walls and not any("clamped" in face.edges for face in self.faces)):
                 where = "repeats" if axis < p else "stands on nothing"
@@ -870,8 +864,7 @@ class Crystal:
         for face in self.faces:
             others = math.prod(one.thickness for one in self.faces if one is not face)
             push: float = pressure * frame.measure * others
-            low, high = face.edges
-            if low != "free" and high != "free":
+            if face.is_pressed:
                 pressed[wall] -= push
                 wall += 1
                 continue
@@ -996,11 +989,9 @@ class Crystal:
                 virial = (force[:, None] * rest.normal[:, :p]).T @ np.where(frame.flat[:, None], 0.0, frame.vector[:, :p])
                 virial = virial @ deformed.T
                 stress[at] = -0.5 * (virial + virial.T) / (frame.measure * float(np.linalg.det(deformed)))
-        for number, face in enumerate(self.faces):
-            if all(word != "free" for word in face.edges):
-                for at in range(len(found)):
-                    riding = (rider >= 0) & (rider == sum(all(w != "free" for w in f.edges) for f in self.faces[:number]))
-                    moved[at, riding, face.axis] = ways[at, rider[riding][0]] if np.any(riding) else 0.0
+        axes = [face.axis for face in self.faces if face.is_pressed]
+        for wall, axis in enumerate(axes):
+            moved[:, rider == wall, axis] = ways[:, wall, None]
         # a motion of the whole crystal means nothing where no wall is in its way
         if not any("clamped" in face.edges for face in self.faces):
             loose = [axis for axis in range(d) if axis not in {axis for axis, _, _ in self._floors}]
@@ -1013,13 +1004,13 @@ class Crystal:
         modulus = min(ball.material.young_modulus for ball in self.kinds)
         require_shallow(modulus, float(np.max(deep)), found[int(np.argmax(deep))][1].words)
 
-        fields = zip(_PER_LOAD, (force, overlap, stiffness, normal, moved, stress, strain, ways), strict=True)
-        shaped: dict[str, Any] = {name: read_only(array.reshape(*lead, *array.shape[1:])) for name, array in fields}
+        values_of = zip(_PER_LOAD, (force, overlap, stiffness, normal, moved, stress, strain, ways), strict=True)
+        shaped: dict[str, Any] = {name: read_only(array.reshape(*lead, *array.shape[1:])) for name, array in values_of}
         return CrystalState(self, **shaped, finite_overlap=follows)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CrystalState:
+class CrystalState(Result):
     """The contacts of a crystal under load, as its methods ``at_...`` return it.
 
     Attributes
@@ -1039,6 +1030,12 @@ class CrystalState:
         balls touch, which drops terms of relative order delta/d.
     """
 
+    units = {"normal_force": "N", "overlap": "m", "normal_stiffness": "N/m", "displacements": "m", "ways": "m"}
+    _shapes = {
+        "normal_force": "... c", "overlap": "... c", "normal_stiffness": "... c", "normal": "... c d",
+        "displacements": "... n d", "stress": "... p p", "strain": "... p p", "ways": "... w",
+    }  # fmt: skip
+
     crystal: Crystal
     normal_force: Array
     overlap: Array
@@ -1049,6 +1046,9 @@ class CrystalState:
     strain: Array
     ways: Array
     finite_overlap: bool = False
+
+    def _field_units(self) -> dict[str, str]:
+        return {**self.units, "stress": ("", "N", "N/m", "Pa")[self.crystal.periods]}
 
     def __getitem__(self, index: Any) -> CrystalState:
         """Return the state at some of the loads, indexed like an array."""
@@ -1141,44 +1141,31 @@ class CrystalState:
             )
 
     @cached_property
-    def limits(self) -> list[tuple[str, Array, float, bool, str]]:
-        """What limits the state: name, value at each load, limit, whether that is a lower one, and what is said beyond it.
+    def limits(self) -> tuple[Check, ...]:
+        """What limits the state, as conditions.
 
         They are the contact radius over that of the ball, the overlap over the last of the table of a law, and the mean
         pressure of a contact over the yield strength, each the largest over the contacts; and what no ball is made of.
         """
         crystal, table = self.crystal, self.crystal.contacts
-        small = np.concatenate(
-            [np.minimum(table.arm_i, table.arm_j), *(crystal._mean_radii[at] for _, _, at in crystal._floors)]
-        )
-        ratio = np.max(self.contact_radius / small, axis=-1)
-        said = (
-            f"the radius of a contact is {100.0 * float(np.max(ratio)):.4g} % of that of a ball, more than"
-            f" {100.0 * MOST_CONTACT_RADIUS:g} %: contact laws assume a small spot"
-        )
-        out = [("contact_radius", np.asarray(ratio), MOST_CONTACT_RADIUS, False, said)]
+        at = [one for _, _, one in crystal._floors]
+        small = np.concatenate([np.minimum(table.arm_i, table.arm_j), *(crystal._mean_radii[one] for one in at)])
+        out = [check_limit("contact_radius", np.max(self.contact_radius / small, axis=-1))]
         if np.any(np.isfinite(crystal._springs.most)):
-            over = np.max(np.maximum(self.overlap, 0.0) / crystal._springs.most, axis=-1)
-            said = "an overlap is beyond the table of its contact law, which goes on as a power"
-            out.append(("table", np.asarray(over), 1.0, False, said))
-        for name, (attribute, what, unit, limit, at_least) in BALL_LIMITS.items():
+            out.append(check_limit("table", np.max(np.maximum(self.overlap, 0.0) / crystal._springs.most, axis=-1)))
+        for name, (attribute, _, _, limit, at_least) in BALL_LIMITS.items():
             for ball, called in zip(crystal.kinds, crystal.names, strict=True):
                 value = attrgetter(attribute)(ball)
                 if (value < limit) if at_least else (value > limit):
-                    said = f"the {what} of ball {called} is {value:.4g} {unit}, {'less' if at_least else 'more'} than"
-                    out.append((name, np.full(self.shape, value), limit, at_least, f"{said} {limit:g} {unit}: {WRONG_UNIT}"))
+                    out.append(check_limit(name, np.full(self.shape, value), f" (ball {called})"))
         strengths = [one.material.yield_strength for one in crystal.kinds]
         if any(strengths):
             yields = np.array([math.inf if one is None else one for one in strengths])[crystal.kind]
-            weak = np.concatenate(
-                [np.minimum(yields[table.i], yields[table.j]), *(yields[at] for _, _, at in crystal._floors)]
-            )
+            weak = np.concatenate([np.minimum(yields[table.i], yields[table.j]), *(yields[one] for one in at)])
             area = math.pi * self.contact_radius**2
             mean = np.divide(self.normal_force, area, out=np.zeros_like(area), where=area > 0.0)
-            part = np.max(mean / weak, axis=-1)
-            said = f"the mean pressure of a contact is {float(np.max(part)):.3g} of the yield strength"
-            out.append(("yield", np.asarray(part), ONSET_OF_YIELD, False, f"{said}: it yields from {ONSET_OF_YIELD} on"))
-        return out
+            out.append(check_limit("yield", np.max(mean / weak, axis=-1)))
+        return tuple(out)
 
     @property
     def valid(self) -> Any:
@@ -1188,15 +1175,13 @@ class CrystalState:
         yield strength, if that is given, and the overlap within the table of a tabulated law. A diameter, density or Young
         modulus that no solid ball has, so that its unit is probably wrong, is not valid either.
         """
-        met = np.all([value >= limit if least else value <= limit for _, value, limit, least, _ in self.limits], axis=0)
-        return bool(met) if self.is_single else np.asarray(met)
+        met = np.all([check.ok for check in self.limits], axis=0)
+        return bool(met) if self.is_single else met
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What is doubtful about the state, in words; empty if nothing is."""
-        return tuple(
-            said for _, value, limit, least, said in self.limits if np.any(value < limit if least else value > limit)
-        )
+        return tuple(said for check in self.limits if (said := check.warning) is not None)
 
     @cached_property
     def network(self) -> ContactNetwork:
@@ -1274,8 +1259,16 @@ def _in_double_precision(values: Array) -> Iterator[None]:
         raise InputError(message(what, mend="Lower the load, or compare the units")) from None
 
 
-def _both(face: _Faces, change: Any) -> tuple[Index, Index]:
-    return read_only(change(face.balls[0])), read_only(change(face.balls[1]))
+def _read_law(law: Any) -> Any:
+    """Return the law of all contacts, or a tuple of pairs of names of kinds, each with its law."""
+    if not isinstance(law, Mapping):
+        return Hertz() if law is None else law
+    for key in law:
+        if not (isinstance(key, tuple) and len(key) == 2 and all(isinstance(one, str) for one in key)):
+            raise InputError(message(f"law has the key {brief(key)}", mend='Give pairs of names, as ("A", "B")'))
+        if key[::-1] in law and law[key] != law[key[::-1]]:
+            raise InputError(message(f"law has two laws for contacts of {key}", mend="Give one, in either order"))
+    return tuple(law.items())
 
 
 def _list_balls(balls: Any) -> list[Any]:

@@ -32,7 +32,7 @@ from granphon.array.equilibrium import CARRIED_FORCE
 from granphon.array.krylov import conjugate_gradients
 from granphon.array.sparse_matrices import factorise
 from granphon.balls.contact_laws import PairLaw, opening_overlap
-from granphon.base.errors import ConvergenceError, InputError, InstabilityError, message
+from granphon.base.errors import ConvergenceError, InputError, InstabilityError, MechanismError, message
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -42,10 +42,24 @@ _TOLERANCE, _REQUIRED = 2e-15, 1e-12
 _ITERATED = 3e-13
 #: largest number of steps of Newton's method, and of slopes in a line search
 _STEPS, _SLOPES = 200, 60
-#: steps in the true geometry, of balls that differ, without half of the residual
-_PATIENT = 60
+#: steps in the true geometry without half of the residual
+_PATIENT = 20
 #: most saddles of the energy on the way, and doublings of the displacement with which the way down from one begins
 _SADDLES, _DOUBLINGS = 50, 6
+#: steps of loose balls while the others are held, and trials of their lengths
+_LOOSE_STEPS, _LENGTHS = 100, 12
+#: force of a contact, over the mean, up to which it is light: balls with no more heavy ones than dimensions are loose
+_LIGHT = 1e-3
+#: force that may be left on a loose ball, over the mean, in units of the spread or of what is left on others
+_OF_LOOSE = 1e-3
+#: force left on a ball after a step, over the most before it, from which the ball counts as loose too
+_FAILED = 0.3
+#: force left on a ball after a whole step of Newton's method, over the mean, from which the step is not taken
+_TOO_FAR = 1e2
+#: what mends a crystal of differing balls that falls
+_STAY = "Leave finite_overlap out: contacts then keep the directions of the sites"
+#: stiffness of a motion, over that of a contact, up to which it costs no energy
+_SOFT = 1e-9
 #: curvature below zero, over what forces could make, that is not rounding
 _DOWN = 1e-6
 #: stiffness that is added to all contacts, over the mean, for a residual of the size of the mean force
@@ -68,6 +82,8 @@ _RELAXED = 1e-12
 _ROUNDED = 4e-16
 #: most iterations of conjugate gradients in one step
 _ITERATIONS = 4000
+#: factors by which stiffnesses of contacts, and forces of a load, may differ where a crystal does not come to rest
+_MOST_STIFF, _MOST_FORCES = 1e10, 1e6
 #: most contacts for which a load that is not borne is explained
 _MOST_EXPLAINED = 20_000
 
@@ -102,6 +118,12 @@ class Springs:
         """
         loaded = np.abs(force[force != 0.0])
         return max(float(np.mean(loaded)) if loaded.size else 0.0, float(np.mean(self.adhesion)))
+
+    def among(self, contacts: Index) -> Springs:
+        """Return the laws of some of the contacts, in their order."""
+        place = np.full(self.count, -1)
+        place[contacts] = np.arange(len(contacts))
+        return Springs([(law, own[own >= 0]) for law, at in self.groups for own in (place[at],)], len(contacts))
 
     def _find(self, name: str, values: Array) -> Array:
         out = np.empty(self.count)
@@ -342,14 +364,14 @@ def _find_length(
         room = (overlap - springs.least)[apart] / -change[apart]
         most = max(0.9 * float(np.min(room, initial=math.inf)), 1e-9)
 
-    def slope(length: float) -> float:
-        return float((springs.force(overlap + length * change) - force) @ change) - fall
-
     length, low, high = min(1.0, most), 0.0, math.inf
     if fall <= 0.0:  # the rounding of a state at rest
         return length
     for _ in range(_SLOPES):
-        here = slope(length)
+        there = springs.force(overlap + length * change)
+        here = float((there - force) @ change) - fall
+        if not np.any(there) and np.any(force):  # under a load that is small against the forces before it
+            here = math.inf
         if abs(here) <= 0.1 * fall or (residual < 1e-6 and length == 1.0 and here <= fall):
             return length
         if here < 0.0:
@@ -381,6 +403,28 @@ class _System:
         #: displacements of the whole that no wall hinders: iterations would let them grow from rounding
         self.drifts = [slice(axis, n, d) for axis in range(d) if 0 < n == frame.n_free]
         self.drifts = [one for one in self.drifts if not np.any(np.abs(self.press[:, one].sum(axis=1)) > _ROUNDING)]
+
+    @property
+    def is_floppy(self) -> bool:
+        """Whether motions cost no energy while all contacts touch, beside those of the whole; False where not probed.
+
+        Balls with no more contacts than dimensions are held: they are loose, wherever they are.
+        """
+        from scipy.sparse import eye_array
+        from scipy.sparse.linalg import LinearOperator, eigsh
+
+        frame, d = self.frame, self.frame.dimension
+        few = np.zeros(frame.motion.shape[1], bool)
+        few[: frame.n_free] = np.repeat(np.diff((frame.motion[:, : frame.n_free : d] != 0).tocsc().indptr) <= d, d)
+        press = self.press[:, ~few[self.free]]
+        size, still = press.shape[1], len(self.drifts) + (d - frame.periods) * (d - frame.periods - 1) // 2
+        if not self.factored or size <= still + 1:
+            return False
+        matrix = self._matrix(press, np.ones(press.shape[0]), 0.0)
+        inverse = LinearOperator(matrix.shape, matvec=factorise(matrix + _SOFT * eye_array(size)).solve, dtype=float)
+        start = np.cos(np.arange(size) ** 2.0)
+        least = eigsh(matrix, k=still + 1, sigma=-_SOFT, OPinv=inverse, v0=start, return_eigenvectors=False)
+        return bool(np.max(least) < _SOFT)
 
     def _stay(self, vector: Array) -> Array:
         """Return unknowns, or forces on them, without the mean along the axes on which the whole may drift."""
@@ -483,19 +527,20 @@ class _System:
 class _Configuration:
     """The contacts and forces of a crystal at unknowns ``x``, in the true geometry.
 
-    ``pull`` (N,) are the forces left on the unknowns, and ``residual`` is the largest over the ``mean`` force.
+    ``now`` (n_c, d) are the vectors from ball to ball, ``pull`` (N,) the forces left on the unknowns, and ``residual`` is
+    the largest over the ``mean`` force.
     """
 
     def __init__(self, frame: Frame, springs: Springs, push: Push, x: Array) -> None:
         d, v, p = frame.dimension, frame.vector, frame.periods
+        self.frame, self.springs, self.push, self.x = frame, springs, push, x
         w = np.asarray(frame.motion @ x).reshape(len(v), d)
-        now = v + w
-        r = np.where(frame.flat, np.inf, np.linalg.norm(now, axis=1))
-        normal = np.where(frame.flat[:, None], v / frame.distance[:, None], now / r[:, None])
+        self.now = v + w
+        self.r = r = np.where(frame.flat, np.inf, np.linalg.norm(self.now, axis=1))
+        self.normal = np.where(frame.flat[:, None], v / frame.distance[:, None], self.now / r[:, None])
         stretch = np.einsum("ca,ca->c", 2.0 * v + w, w) / (r + frame.distance)
-        overlap = frame.offset - np.where(frame.flat, np.einsum("ca,ca->c", normal, w), stretch)
-        self.x, self.r, self.normal = x, r, normal
-        self.overlap = np.where(np.abs(overlap) <= _ROUNDING * np.max(np.abs(overlap)), 0.0, overlap)
+        overlap = frame.offset - np.where(frame.flat, np.einsum("ca,ca->c", self.normal, w), stretch)
+        self.overlap = np.where(np.abs(overlap) <= _ROUNDING * np.max(np.abs(overlap), initial=0.0), 0.0, overlap)
         self.force = springs.force(self.overlap)
         self.mean = springs.size(self.force)
         self.deformed = np.eye(p) + frame.strain(x)
@@ -504,7 +549,7 @@ class _Configuration:
         if push.stress is not None and p and self.area > 0.0:
             work = push.stress @ np.linalg.inv(self.deformed) * self.area
             wanted[frame.strains] = frame.work_of(0.5 * (work + work.T))
-        self.press = frame.along(normal)
+        self.press = frame.along(self.normal)
         self.pull = np.where(push.held, 0.0, wanted - self.press.T @ self.force)
         self.residual = float(np.max(np.abs(self.pull) * frame.weights, initial=0.0)) / self.mean if self.mean else math.inf
         #: whether balls are apart and touch some others, and the cell is not inside out
@@ -512,76 +557,72 @@ class _Configuration:
             not p or float(np.min(np.linalg.eigvalsh(self.deformed))) > 0.0
         )
 
+    def at(self, x: Array) -> _Configuration:
+        """Return the same crystal at other unknowns."""
+        return _Configuration(self.frame, self.springs, self.push, x)
 
-def settle_exactly(frame: Frame, springs: Springs, push: Push, start: Rest) -> Rest:
-    """Find the state at rest where contacts turn and the cell deforms, from that at small overlap.
+    def among(self, own: Index) -> _Configuration:
+        """Return the contacts of balls whose displacements ``own`` are the only unknowns, from this place on."""
+        frame, d = self.frame, self.frame.dimension
+        some = np.unique(frame.motion[:, own].tocoo().row // d)
+        rows = (d * some[:, None] + np.arange(d)).ravel()
+        vector = np.where(frame.flat[:, None], frame.vector, self.now)[some]
+        none, still, size = np.zeros((0, 0)), np.zeros(len(own)), len(own)
+        held = Frame(
+            vector, frame.flat[some], frame.motion[rows][:, own], d, none, size, (), (), frame.length, self.overlap[some]
+        )
+        push = replace(self.push, force=self.push.force[own], held=still > 0.0, given=still, stress=None, pressed=still)
+        return _Configuration(held, self.springs.among(some), push, still)
 
-    Where radii differ, contacts open and balls that they held lean on others: a step of Newton's method that leaves more
-    force than there was is replaced by one of the matrix in which forces push balls back instead of aside (-f/r has the
-    other sign), with a line search, as the energy falls along it. Where balls are at rest but the energy is not
-    least, they go downhill along the softest motion.
+    @cached_property
+    def on_balls(self) -> Array:
+        """The force left on each ball that moves, N."""
+        return np.asarray(np.linalg.norm(self.pull[: self.frame.n_free].reshape(-1, self.frame.dimension), axis=1))
 
-    Raises :class:`~granphon.base.errors.InstabilityError` if there is none near it.
-    """
-    from scipy.sparse import coo_array
+    @cached_property
+    def stiffness(self) -> Array:
+        """(n_c,) N/m."""
+        return self.springs.stiffness(self.overlap)
 
-    if not (np.any(start.overlap) or np.any(push.force)):
-        return start  # bonds without a load
-    d, n_c, differ = frame.dimension, len(frame.vector), bool(np.any(frame.offset))
-    best, stalled, kept, saddles = math.inf, 0, start, 0
-    places = np.arange(n_c * d).reshape(n_c, d)
-    row, column = np.repeat(places[:, :, None], d, 2), np.repeat(places[:, None], d, 1)
-    system = _System(frame, frame.press, push.held)
+    @cached_property
+    def touch(self) -> Any:
+        """(n_c, balls) sparse: the contacts of each ball that moves."""
+        from scipy.sparse import csr_array
 
-    def derive(here: _Configuration, sign: float, added: float) -> tuple[Any, float]:
-        """Return the matrix of Newton's method, without the load's, and the mean stiffness; ``added`` is over that."""
-        stiffness = springs.stiffness(here.overlap)
-        mean = float(np.mean(stiffness))
-        across = sign * here.force / here.r
-        block = (stiffness + added * mean + across)[:, None, None] * here.normal[:, :, None] * here.normal[:, None, :]
+        d, one = self.frame.dimension, self.frame.motion[:, : self.frame.n_free].tocoo()
+        out = csr_array((np.ones(len(one.row)), (one.row // d, one.col // d)), (len(self.r), self.frame.n_free // d))
+        out.data[:] = 1.0
+        return out
+
+    def derive(self, sign: float, added: float = 0.0) -> Any:
+        """Return the matrix of Newton's method, without the load's; ``added`` is a stiffness of all contacts."""
+        from scipy.sparse import coo_array
+
+        d, n_c = self.frame.dimension, len(self.r)
+        places = np.arange(n_c * d).reshape(n_c, d)
+        row, column = np.repeat(places[:, :, None], d, 2), np.repeat(places[:, None], d, 1)
+        across = sign * self.force / self.r
+        block = (self.stiffness + added + across)[:, None, None] * self.normal[:, :, None] * self.normal[:, None, :]
         block -= across[:, None, None] * np.eye(d)
         middle = coo_array((block.ravel(), (row.ravel(), column.ravel())), shape=(n_c * d, n_c * d)).tocsr()
-        return frame.motion.T @ (middle @ frame.motion), mean
+        return self.frame.motion.T @ (middle @ self.frame.motion)
 
-    def find_step(here: _Configuration, sign: float) -> Array:
+    def find_step(self, system: _System, sign: float) -> Array:
+        """Return the step (N,) of Newton's method; with ``sign`` -1 forces push balls back instead of aside."""
         if not system.factored:
-            system.renew(here.press)
-            return system.solve(springs.stiffness(here.overlap), here.pull, 1e-4, here.mean)
-        matrix, mean = derive(here, sign, 0.0 if sign > 0.0 else _ADDED * min(1.0, here.residual))
+            system.renew(self.press)
+            return system.solve(self.stiffness, self.pull, 1e-4, self.mean)
+        mean = float(np.mean(self.stiffness))
+        matrix = self.derive(sign, 0.0 if sign > 0.0 else _ADDED * min(1.0, self.residual) * mean)
         if sign > 0.0:
-            matrix = matrix - _follow(frame, push, here.deformed, here.area)
-        return _solve_indefinite(matrix, system.free, here.pull, mean)
+            matrix = matrix - _follow(self.frame, self.push, self.deformed, self.area)
+        return _solve_indefinite(matrix, system.free, self.pull, mean)
 
-    def go_down(here: _Configuration) -> _Configuration | None:
-        """Return where to go on from a saddle of the energy; None at a minimum."""
-        from scipy.sparse import eye_array
-        from scipy.sparse.linalg import LinearOperator, eigsh
-
-        balls = system.free[system.free < frame.n_free]
-        matrix, mean = derive(here, 1.0, 0.0)
-        own = (matrix.tocsr()[balls][:, balls] / mean).tocsc()
-        # forces push no ball aside more than twice all that act on one
-        most = 4.0 * float(np.max((np.abs(frame.press.T) @ (here.force / here.r))[: frame.n_free])) / mean
-        solve = factorise(own + most * eye_array(len(balls)), pivot=0.01).solve
-        inverse = LinearOperator(own.shape, matvec=solve, dtype=float)
-        value, vector = eigsh(own, k=1, sigma=-most, OPinv=inverse, v0=np.cos(np.arange(len(balls)) ** 2.0))
-        if value[0] > -_DOWN * most:
-            return None
-        way = np.zeros_like(here.x)
-        way[balls] = vector[:, 0] * 1e-2 * float(np.max(np.abs(frame.offset))) / float(np.max(np.abs(vector)))
-        way *= math.copysign(1.0, float(here.pull @ way))
-        for doubling in range(_DOUBLINGS):
-            ahead = _Configuration(frame, springs, push, here.x + 2.0**doubling * way)
-            if doubling and float(ahead.pull @ way) < 0.0:
-                break
-            there = ahead
-        return there
-
-    def search(here: _Configuration, step: Array) -> _Configuration:
+    def search(self, step: Array) -> _Configuration:
         """Go along a step until the energy no longer falls much: its slope is that of the forces left."""
-        first, low, high, length = float(here.pull @ step), 0.0, math.inf, 1.0
+        first, low, high, length = float(self.pull @ step), 0.0, math.inf, 1.0
         for _ in range(_SLOPES):
-            there = _Configuration(frame, springs, push, here.x + length * step)
+            there = self.at(self.x + length * step)
             slope = float(there.pull @ step) if there.is_sound else -math.inf
             if abs(slope) <= 0.3 * abs(first) or (slope > 0.0 and length >= 1.0):
                 break
@@ -589,8 +630,95 @@ def settle_exactly(frame: Frame, springs: Springs, push: Push, start: Rest) -> R
             length = 0.5 * (low + high)
         return there
 
+    def lead(self, loose: NDArray[np.bool_], least: float) -> _Configuration:
+        """Bring ``loose`` balls to rest, while the others are held: to ``least`` of the mean force."""
+        from scipy.sparse.csgraph import connected_components
+
+        d, mean = self.frame.dimension, float(np.mean(self.stiffness))
+        own = np.flatnonzero(np.repeat(loose, d))
+        here = self.among(own)
+        for _ in range(_LOOSE_STEPS):
+            left = here.on_balls / self.mean
+            if np.max(left) <= least:
+                break
+            held = np.repeat(_ADDED * np.minimum(1.0, left), d)
+            step = _solve_indefinite(here.derive(-1.0), np.arange(len(own)), here.pull, mean, held)
+            touch = here.touch[np.flatnonzero((here.force > 0.0) | (here.at(here.x + step).force > 0.0))]
+            count, group = connected_components(touch.T @ touch, directed=False)
+            most = np.zeros(count)
+            np.maximum.at(most, group, left)
+            group, done = np.repeat(group, d), most <= least
+            first = np.bincount(group, here.pull * step, count)
+            low, high, length = np.zeros(count), np.full(count, np.inf), np.where(done, 0.0, 1.0)
+            for _ in range(_LENGTHS):
+                there = here.at(here.x + length[group] * step)
+                slope = np.bincount(group, there.pull * step, count)
+                low, high = np.where(slope > 0.0, length, low), np.where(slope < 0.0, length, high)
+                done |= (np.abs(slope) <= 0.3 * first) | ((slope >= 0.0) & (high == np.inf))
+                if np.all(done):
+                    break
+                length = np.where(done, length, 0.5 * (low + np.where(done, low, high)))
+            here = there
+        x = self.x.copy()
+        x[own] += here.x
+        return self.at(x)
+
+    def go_down(self, system: _System) -> _Configuration | None:
+        """Return where to go on from a saddle of the energy; None at a minimum."""
+        from scipy.sparse import eye_array
+        from scipy.sparse.linalg import LinearOperator, eigsh
+
+        frame, balls = self.frame, system.free[system.free < self.frame.n_free]
+        mean = float(np.mean(self.stiffness))
+        own = (self.derive(1.0).tocsr()[balls][:, balls] / mean).tocsc()
+        # forces push no ball aside more than twice all that act on one
+        most = 4.0 * float(np.max((np.abs(frame.press.T) @ (self.force / self.r))[: frame.n_free])) / mean
+        solve = factorise(own + most * eye_array(len(balls)), pivot=0.01).solve
+        inverse = LinearOperator(own.shape, matvec=solve, dtype=float)
+        value, vector = eigsh(own, k=1, sigma=-most, OPinv=inverse, v0=np.cos(np.arange(len(balls)) ** 2.0))
+        if value[0] > -_DOWN * most:
+            return None
+        way = np.zeros_like(self.x)
+        way[balls] = vector[:, 0] * 1e-2 * float(np.max(np.abs(frame.offset))) / float(np.max(np.abs(vector)))
+        way *= math.copysign(1.0, float(self.pull @ way))
+        for doubling in range(_DOUBLINGS):
+            ahead = self.at(self.x + 2.0**doubling * way)
+            if doubling and float(ahead.pull @ way) < 0.0:
+                break
+            there = ahead
+        return there
+
+
+def settle_exactly(frame: Frame, springs: Springs, push: Push, start: Rest) -> Rest:
+    """Find the state at rest where contacts turn and the cell deforms, from that at small overlap.
+
+    Where radii differ, contacts open, and balls that they held lean on others. As in the simulation of a packing
+    (:mod:`granphon.array.true_equilibrium`), these loose balls are brought to rest first, while the others are held: in
+    clusters of those that touch, each with steps of its own length, and with the other sign of -f/r, by which a step is
+    about as long as a ball is far from the line between two others. Newton's method for all follows, and so on in turn.
+    Where balls are at rest but the energy is not least, they go downhill along the softest motion.
+
+    Raises :class:`~granphon.base.errors.InstabilityError` if there is none near it, and
+    :class:`~granphon.base.errors.MechanismError` if balls differ and some of their motions, while all touch, cost no energy.
+    """
+    if not (np.any(start.overlap) or np.any(push.force)):
+        return start  # bonds without a load
+    differ = bool(np.any(frame.offset))
+    best, stalled, kept, saddles = math.inf, 0, start, 0
+    system = _System(frame, frame.press, push.held)
     here = _Configuration(frame, springs, push, start.x.copy())
+    loose = np.zeros(frame.n_free // frame.dimension, bool)
+    if differ:
+        if system.is_floppy:
+            what = f"balls that differ do not come to rest in the true geometry under {push.words}"
+            why = "The crystal does not stand without friction: motions in which no contact is pressed cost no energy"
+            raise MechanismError(message(what, why, f"{_STAY}; or take a crystal with more contacts, such as fcc"))
+        ratio = float(np.max(np.abs(frame.offset)) / np.mean(frame.distance))
+        loose = here.touch.T @ (here.force > _LIGHT * here.mean) <= frame.dimension
     for _ in range(_STEPS):
+        if here.is_sound and np.any(loose):
+            others = float(np.max(here.on_balls, where=~loose, initial=0.0)) / here.mean
+            here = here.lead(loose, max(_TOLERANCE, _OF_LOOSE * min(ratio, others)))
         if not here.is_sound:
             break
         stalled = stalled + 1 if here.residual > 0.5 * best else 0
@@ -599,21 +727,22 @@ def settle_exactly(frame: Frame, springs: Springs, push: Push, start: Rest) -> R
         if here.residual <= (_TOLERANCE if system.direct else _ITERATED) or (best <= _REQUIRED and stalled > 2):
             if not differ:
                 return kept
-            down = go_down(_Configuration(frame, springs, push, kept.x)) if system.factored and saddles < _SADDLES else None
+            down = here.at(kept.x).go_down(system) if system.factored and saddles < _SADDLES else None
             if down is None:
                 return kept if springs.adhere else replace(kept, overlap=_open_light(springs, kept))
             here, best, stalled, saddles = down, math.inf, 0, saddles + 1
             continue
-        if stalled > (_PATIENT if differ else 20) or not np.any(springs.stiffness(here.overlap)):
+        if stalled > _PATIENT or not np.any(here.stiffness):
             break
-        step = find_step(here, 1.0)
-        there = _Configuration(frame, springs, push, here.x + step)
-        if differ and not (there.is_sound and there.residual < here.residual and float(here.pull @ step) >= 0.0):
-            there = search(here, find_step(here, -1.0))
+        before, there = here.residual, here.at(here.x + here.find_step(system, 1.0))
+        if differ:
+            if not (there.is_sound and there.residual < _TOO_FAR):
+                there = here.search(here.find_step(system, -1.0))
+            loose = loose | (there.on_balls > _FAILED * before * there.mean)
         here = there
     why, mend = "Its contacts turn away under the load, and nothing holds it", "Lower the load, or add contacts"
     if differ:
-        mend = "Leave finite_overlap out: contacts then keep the directions of the sites; or press balls more that are loose"
+        mend = f"{_STAY}; or press balls more that are loose"
     raise InstabilityError(message(f"the crystal collapses under {push.words}", why, mend))
 
 
@@ -645,12 +774,12 @@ def _follow(frame: Frame, push: Push, deformed: Array, area: float) -> Any:
     return coo_array((columns[row, column], (row, frame.n_free + column)), shape=(size, size)).tocsr()
 
 
-def _solve_indefinite(matrix: Any, free: Index, right: Array, scale: float) -> Array:
-    from scipy.sparse import eye_array
+def _solve_indefinite(matrix: Any, free: Index, right: Array, scale: float, held: Array | float = 0.0) -> Array:
+    from scipy.sparse import diags_array
 
     out = np.zeros(len(right))
     if len(free):
-        own = (matrix.tocsr()[free][:, free] / scale + _HOLD * eye_array(len(free))).tocsc()
+        own = (matrix.tocsr()[free][:, free] / scale + diags_array(np.full(len(free), _HOLD) + held)).tocsc()
         out[free] = factorise(own, pivot=0.01).solve(right[free]) / scale
     return out
 
@@ -704,10 +833,19 @@ def _explain(
         )
     size = typical_force(frame, push, springs)
     with np.errstate(all="ignore"):
-        reached = np.all(np.isfinite(springs.overlap(np.full(springs.count, size))))
-    if not reached:
+        reached = springs.overlap(np.full(springs.count, size))
+        stiffness = springs.stiffness(reached)
+    if not np.all(np.isfinite(reached)):
         why = f"They are about {size:.4g} N, and the law has no overlap at that force"
         mend = "Lower the load, or give a law whose force grows on"
         return InputError(message(f"a contact law does not reach the forces under {push.words}", why, mend))
+    loads = np.abs(push.force * frame.weights)
+    for what, values, most in (
+        ("the stiffnesses of contacts", stiffness, _MOST_STIFF), ("the forces of the load on balls", loads, _MOST_FORCES),
+    ):  # fmt: skip
+        if np.any(values) and (apart := float(np.max(values) / np.min(values[values > 0.0]))) > most:
+            what = f"the crystal has not come to rest under {push.words}, where {what} differ by a factor of {apart:.2g}"
+            why = f"A factor of up to {most:g} can be told from rounding"
+            return InputError(message(what, why, "Compare the units, or leave the smaller ones out"))
     left = "" if residual is None else f"A force of {residual:.2g} of the mean is left on a ball"
     return ConvergenceError(message(f"the crystal has not come to rest under {push.words}", left))

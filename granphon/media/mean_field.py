@@ -132,7 +132,7 @@ class AveragedLattice(LawMedium):
     packing : the balls.
     """
 
-    name = "ala"
+    name, words = "ala", "averaged lattice"
 
     @property
     def _law(self) -> Law:
@@ -150,7 +150,7 @@ class AveragedForce(LawMedium):
     packing : the balls.
     """
 
-    name = "afa"
+    name, words = "afa", "averaged force"
 
     @property
     def _law(self) -> Law:
@@ -185,7 +185,7 @@ class EffectiveMedium(LawMedium):
     InputError : another word, or "paper" on another lattice or with bending.
     """
 
-    name = "ema"
+    name, words = "ema", "effective medium"
     slow_part = "the effective medium of long lists of diameters"
     options = {"local_field": Option(_LOCAL_FIELDS[0], partial(choice, options=_LOCAL_FIELDS))}
     source: str

@@ -5,14 +5,19 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar, runtime_checkable
 
+import numpy as np
 from numpy.typing import ArrayLike
 
+from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
+from granphon.balls.motions import Motions
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, message
 from granphon.base.validation import Rule
+from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.local_field import LocalField
 from granphon.laws.cluster import ClusterLaw
 from granphon.media.state import ContactState
@@ -56,6 +61,8 @@ class Option:
     rule: Rule
 
 
+#: a prestress f/(k a) so small that a lattice which buckles under it does so under any
+_LEAST_PUSH = 1e-30
 #: type of the states that a medium returns
 StateT = TypeVar("StateT", bound=ContactState, covariant=True)
 
@@ -63,8 +70,11 @@ StateT = TypeVar("StateT", bound=ContactState, covariant=True)
 class MediumBase(ABC, Generic[StateT]):
     """Base class of the media: the three ways to give a load, each of which calls :meth:`at`."""
 
-    # the word for the medium in scenes and sweeps
+    # the balls under load
+    packing: Any
+    # the word for the medium in scenes and sweeps, and its name in figures and tables
     name: ClassVar[str]
+    words: ClassVar[str]
     # what a scene or a sweep may set of the medium besides the packing, by name
     options: ClassVar[Mapping[str, Option]] = {}
     # what of it takes so long that a survey leaves it out, in words; simulations have words of their own
@@ -98,6 +108,17 @@ class MediumBase(ABC, Generic[StateT]):
     def prepare(self) -> None:
         """Find what all states need of the lattice; :class:`~granphon.base.errors.MechanismError` if it has none."""
         return
+
+    def require_sound(self, pushed: bool = False) -> None:
+        """Raise if the lattice is known to have no sound, before a state is found.
+
+        :class:`~granphon.base.errors.MechanismError` if it gives way without a force,
+        :class:`~granphon.base.errors.InstabilityError` if it is ``pushed`` by prestress and buckles under any. Of the
+        stiffnesses of contacts it matters only which of them there are.
+        """
+        packing = self.packing
+        present = tuple(float(bool(one)) for one in (packing.mindlin_ratio, packing.torsion, packing.bending))
+        _require_sound(packing.structure, present, packing.ball_motions, pushed)
 
     def require(self, load: Load) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if an applied load is known not to be borne, solving nothing."""
@@ -134,6 +155,13 @@ class MediumBase(ABC, Generic[StateT]):
     def at_overlap(self, overlap: ArrayLike, *, finite_overlap: bool | None = None) -> StateT:
         """State at the overlap delta = d - a, m; where balls differ it may be negative, as long as some touch."""
         return self.at(Load("overlap", overlap), finite_overlap=finite_overlap)
+
+
+@cache  # a sweep has many packings of one lattice
+def _require_sound(structure: Lattice, present: tuple[float, ...], motions: Motions, pushed: bool) -> None:
+    eta, torsion, bending = present
+    lattice = ContactLattice.of(structure, eta, torsion=torsion, bending=bending, motions=motions)
+    lattice.sound_velocities(np.eye(lattice.periods), _LEAST_PUSH if pushed else None)
 
 
 def explain_untouched(load: Load, largest: float) -> InputError:

@@ -19,7 +19,7 @@ from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.motions import Motions, allowed_motions
 from granphon.balls.packing import Packing, given_packing
-from granphon.base.errors import InputError, MechanismError, brief, message
+from granphon.base.errors import InputError, MechanismError, message
 from granphon.base.results import read_only
 from granphon.base.validation import choice, finite_array, lengths, require, whole, whole_number
 from granphon.dynamics.contact_lattice import ContactLattice
@@ -87,21 +87,13 @@ class SampledBalls:
             object.__setattr__(self, name, value)
         held = history.from_gas and history.friction_coefficient != 0
         require_standing(self.packing, history.is_loaded, history.is_loaded and held)
-        periods, lengths = self.packing.structure.periods, self.shape
-        if lengths is not None:
-            try:
-                lengths = tuple(lengths)
-            except TypeError:
-                lengths = ()
-            if len(lengths) != periods:
-                names = ", ".join(f"L{axis + 1}" for axis in range(periods)) + "," * (periods == 1)
-                count = ("one whole number", "two whole numbers", "three whole numbers")[periods - 1]
-                raise InputError(message(f"shape is {brief(self.shape)}", mend=f"Give {count}, ({names})"))
-            lengths = tuple(whole_number("shape", length, 1, _MOST_SIDE) for length in lengths)
-            if math.prod(lengths) > _MOST_CELLS:
-                what = f"shape is {lengths}, which are {float(math.prod(lengths)):.3g} cells"
+        periods, shape = self.packing.structure.periods, self.shape
+        if shape is not None:
+            shape = require("shape", partial(lengths, low=1, high=_MOST_SIDE, periods=periods), shape)
+            if math.prod(shape) > _MOST_CELLS:
+                what = f"shape is {shape}, which are {float(math.prod(shape)):.3g} cells"
                 raise InputError(message(what, f"No memory holds more than {_MOST_CELLS:.3g}", "Give fewer"))
-        object.__setattr__(self, "shape", lengths or DEFAULT_SHAPES[periods])
+        object.__setattr__(self, "shape", shape or DEFAULT_SHAPES[periods])
         if self.diameters is not None:
             self._take_diameters(self.diameters)
         if 0.0 < self.packing.width < _LEAST_WIDTH * self.packing.diameter:

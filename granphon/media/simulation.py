@@ -200,7 +200,12 @@ class SimulatedState(SampledState):
 
     @property
     def valid(self) -> Any:
-        """Whether the directions of the lattice leave out at most 1 % of the shear modulus (:attr:`shear_deficit`)."""
+        """Whether the directions of the lattice leave out at most 1 % of the shear modulus (:attr:`shear_deficit`).
+
+        From the gas in these directions none is, as velocities depend on the numbering of the balls (:attr:`floats`).
+        """
+        if self.floats:
+            return self._fill_shape(False)
         deficit = self.shear_deficit
         return self._fill_shape(True) if self.chosen_automatically or deficit is None else (deficit <= LEFT_OUT_LIMIT)
 
@@ -323,7 +328,7 @@ class DirectSimulation(SampledBalls, MediumBase[SimulatedState]):
     ``reached`` of the error is then the state at the loads before.
     """
 
-    name = "simulation"
+    name, words = "simulation", "simulation"
 
     @property
     def is_quick(self) -> bool:

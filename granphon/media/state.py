@@ -1,7 +1,13 @@
-"""The contacts of a packing under load: the state that every medium returns and from which observables are found."""
+"""States: what velocities, moduli, pulses and phonons are found from.
+
+The state that every medium returns is that of the contacts of a packing under load (:class:`ContactState`), whose lattice is
+:class:`LoadedLattice`. A network of contacts is the state of what repeats without end: the cell of a crystal, a ribbon, a
+sample's own cell (:class:`NetworkState`).
+"""
 
 from __future__ import annotations
 
+import itertools
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -13,18 +19,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.hertz import MUCH_LARGER, HertzLaw
-from granphon.balls.packing import Packing
-from granphon.base.errors import InputError, message
+from granphon.balls.packing import MINDLIN, Packing
+from granphon.base.errors import InputError, brief, message
 from granphon.base.results import Result
 from granphon.base.scales import Units
+from granphon.base.text import counted
 from granphon.base.validation import require, truth
+from granphon.dynamics.compatibility import GYRATION
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.dynamics.tensors import has_cubic_axes
+from granphon.dynamics.tensors import has_cubic_axes, is_cubic
 from granphon.laws.cluster import ClusterLaw
 from granphon.laws.effective import EffectiveLaw
 from granphon.laws.spread import AveragedLaw
-from granphon.media.loaded_lattice import LoadedLattice
-from granphon.networks.network import ContactNetwork
+from granphon.networks.network import ContactNetwork, given_network, refuse_unpressed
 
 if TYPE_CHECKING:
     from granphon.array.sample import Sample
@@ -89,12 +96,159 @@ Found = TypeVar("Found")
 Law = HertzLaw | AveragedLaw | EffectiveLaw | ClusterLaw | ContactLaw
 
 
+# -- the lattice of the contacts of a packing -------------------------------------------------------------------------
+
+
+def ideal_lattice(packing: Packing, torsion: float | None = None, bending: float | None = None) -> ContactLattice:
+    """Return the lattice of contacts in the paper's limit, in reduced units.
+
+    It is the same under every load, except for the torsion of a Hertz contact, which is left out. ``torsion`` and
+    ``bending`` replace those of the packing, over k d^2.
+    """
+    twist = (0.0 if packing.torsion == MINDLIN else float(packing.torsion)) if torsion is None else torsion
+    return ContactLattice.of(
+        packing.structure, packing.mindlin_ratio, torsion=twist,
+        bending=packing.bending if bending is None else bending, motions=packing.ball_motions,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedLattice:
+    """The lattice of equal contacts of a packing, at each of some loads.
+
+    Attributes
+    ----------
+    packing : the balls.
+    force, stiffness : mean contact force, N, and normal stiffness k, N/m, at each load.
+    relative_overlap : delta/d at each load.
+    finite_overlap : whether it has the terms of relative order delta/d: the spacing a, the lever arm a/2, the prestress f/a.
+    """
+
+    packing: Packing
+    force: Any
+    stiffness: Any
+    relative_overlap: Any
+    finite_overlap: bool
+
+    @property
+    def is_one(self) -> bool:
+        """Whether the lattice, in reduced units, is the same at all loads."""
+        return not np.shape(self.force) or not (self.finite_overlap or self.packing.torsion == MINDLIN)
+
+    @cached_property
+    def without_overlap(self) -> ContactLattice:
+        """The lattice, in reduced units, without terms of finite overlap.
+
+        The torsion of a Hertz contact is that at the largest load. What does not depend on the load is read from this
+        lattice: the names of waves, mechanisms, isotropy.
+        """
+        hertz = self.packing.torsion == MINDLIN
+        return ideal_lattice(self.packing, float(np.max(self._torsion)) if hertz else None)
+
+    @property
+    def contacts(self) -> ContactLattice:
+        """The lattice in reduced units, of a single load unless it :attr:`is_one` of all."""
+        packing = self.packing
+        if not self.finite_overlap and packing.torsion != MINDLIN:
+            return ideal_lattice(packing)
+        spacing, load = (1.0 - self.relative_overlap, float(self._prestress)) if self.finite_overlap else (1.0, 0.0)
+        return ContactLattice.of(
+            packing.structure, packing.mindlin_ratio, spacing, load,
+            torsion=float(self._torsion), bending=packing.bending, motions=packing.ball_motions,
+        )  # fmt: skip
+
+    @property
+    def velocity_scale(self) -> Array:
+        """Unit of velocity d (k/M)^1/2 at each load, m/s."""
+        return np.asarray(self.packing.diameter * (np.sqrt(self.stiffness) / np.sqrt(self.packing.mass)))
+
+    @property
+    def elastic_tensor(self) -> Array:
+        """Elastic tensor in Voigt order, (..., 3, 3) in the plane.
+
+        It is in Pa, in the plane for a layer one diameter thick; of a chain in N. Raises
+        :class:`~granphon.base.errors.MechanismError` if a motion costs no energy.
+        """
+        # with finite overlap the spacing a stands in place of d in space and on a line; the layer of a plane stays d thick
+        d, k = self.packing.diameter, self.stiffness
+        spacing = d * (1.0 - np.asarray(self.relative_overlap)) if self.finite_overlap else d
+        scale = np.asarray({1: k * spacing, 2: k / d, 3: k / spacing}[self.packing.structure.periods])
+        return scale[..., None, None] * self._at_each_load(ContactLattice.elastic_tensor)
+
+    def find_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
+        """Return velocities, m/s, and polarisations of long waves, in the order of the lattice's ``wave_names``.
+
+        The velocities are (..., n_u), or (..., n, n_u) for directions (n, p); the polarisations are (..., n_u, n_u), with
+        unit vectors as columns. Raises :class:`~granphon.base.errors.MechanismError` if a motion costs no energy.
+        """
+
+        def find(lattice: ContactLattice, stress: Array | None) -> Array:
+            velocities, polarisations = lattice.sound_velocities(direction, stress)
+            return np.concatenate([velocities[..., None, :], polarisations], axis=-2)
+
+        scale = self.velocity_scale
+        if self.finite_overlap:  # all lengths scale with the spacing
+            scale = scale * (1.0 - np.asarray(self.relative_overlap))
+        found = self._at_each_load(find)
+        velocities = _add_axes(scale, direction) * found[..., 0, :]
+        return velocities, np.broadcast_to(found[..., 1:, :], (*velocities.shape, velocities.shape[-1]))
+
+    @property
+    def twist_velocity(self) -> Array:
+        """Velocity of the twist wave of a straight chain, at each load, m/s."""
+        # the distance of balls over their radius of gyration; with finite overlap such a chain buckles
+        stiffness = self._torsion * self.stiffness * self.packing.diameter**2
+        return np.asarray(np.sqrt(stiffness / self.packing.mass) / GYRATION)
+
+    @property
+    def _torsion(self) -> Array:
+        return np.asarray(self.packing.find_torsion(self.force, self.stiffness))
+
+    @property
+    def _prestress(self) -> Array:
+        """f/(k a) at each load, without a unit."""
+        spacing = self.packing.diameter * (1.0 - self.relative_overlap)
+        return np.asarray(self.force / self.stiffness / spacing)
+
+    def _at_each_load(self, find: Callable[[ContactLattice, Array | None], Array]) -> Array:
+        """Return ``find(lattice, prestress)`` for many loads; of a lattice at spacing one.
+
+        With finite overlap all lengths scale with the spacing; of the load, only the prestress changes ratios of elastic
+        constants, and torsion and bending do where a cell has several balls. The prestress is None if it is left out.
+        """
+        packing, finite, shape = self.packing, self.finite_overlap, np.shape(self.force)
+        stress = self._prestress if finite else None
+        changes = packing.torsion == MINDLIN or (finite and bool(packing.torsion or packing.bending))
+        # where no strain twists contacts, it does not matter by how much they resist; prestress might change that
+        unmoved = stress is None and changes and not ideal_lattice(packing, 1.0).is_twisted_by_sound
+        if packing.structure.n_balls == 1 or not changes or unmoved:
+            return find(self.without_overlap, stress)
+        squared = np.broadcast_to((1.0 - self.relative_overlap) ** 2 if finite else 1.0, shape)
+        twist, roll = np.broadcast_to(self._torsion, shape) / squared, packing.bending / squared
+        found = [
+            find(ideal_lattice(packing, float(twist[at]), float(roll[at])), None if stress is None else stress[at])
+            for at in np.ndindex(shape)
+        ]
+        return np.asarray(found).reshape(*shape, *found[0].shape)
+
+
+def _add_axes(values: Array, direction: ArrayLike) -> Array:
+    """Append axes of length one to ``values`` of each load: for the directions, if there are many, and for the branches."""
+    return values.reshape(*values.shape, *(1,) * np.ndim(direction))
+
+
+# -- states -----------------------------------------------------------------------------------------------------------
+
+
 class State(ABC):
     """A state of contacts: what velocities, moduli, pulses and phonons ask of it.
 
     It is that of a packing, :class:`ContactState`, or that of any network with periods,
-    :class:`~granphon.media.network_state.NetworkState`.
+    :class:`NetworkState`.
     """
+
+    #: whether all contacts have the law of a packing
+    follows_law = False
 
     @property
     @abstractmethod
@@ -231,6 +385,7 @@ class ContactState(State, Result):
     chosen_automatically : whether the medium was chosen for its expected error at this load; ``valid`` is then True.
     """
 
+    follows_law = True
     units = {
         "force": "N", "overlap": "m", "normal_stiffness": "N/m", "shear_stiffness": "N/m", "pressure": "N/m",
         "relative_overlap": "1", "effective_density": "kg/m^3", "reduced_force": "1", "reduced_spacing": "1",
@@ -511,7 +666,7 @@ class ContactState(State, Result):
         loads, and for a state of samples, which have networks of their own.
         """
         if self.samples:
-            what = f"the state is of {self.n_samples} simulated samples, and not of a lattice"
+            what = f"the state is of {counted(self.n_samples, 'simulated sample')}, and not of a lattice"
             raise InputError(message(what, mend="Use the network of a sample: state.samples[0].network"))
         lattice, structure, units = self.contact_lattice(), self.packing.structure, self.scales
         ones = (1,) * structure.periods
@@ -545,3 +700,204 @@ def read_finite_overlap(given: bool | None) -> bool:
 def _unwrap_scalars(values: Any) -> Values:
     """Return a float (or bool) for a single load, and arrays unchanged."""
     return np.asarray(values).item() if np.ndim(values) == 0 else values
+
+
+# -- networks as states -----------------------------------------------------------------------------------------------
+
+
+class NetworkState(State):
+    """The state that a network with periods is: its contacts, with a stiffness and a force for each.
+
+    Lengths, stiffnesses and masses are in the reduced units of the network, :attr:`ContactNetwork.scales`.
+
+    Parameters
+    ----------
+    network : it repeats along one, two or three axes.
+    warnings : what those who made it say of its limits, one sentence each; None for what the network itself shows.
+    """
+
+    name = "network"
+    shape = ()
+    has_one_lattice = True
+
+    def __init__(self, network: ContactNetwork, warnings: tuple[str, ...] | None = None) -> None:
+        self.network, self.warnings = network, warnings
+        self._lattice = ContactLattice.from_network(network)
+
+    def contact_lattice(self) -> ContactLattice:
+        """Return the lattice of contacts, in reduced units."""
+        return self._lattice
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Names of the kinds of the balls that move, in the order of the lattice; empty if they are not known."""
+        return tuple(itertools.compress(self.network.kinds or (), self.network.moving))
+
+    @property
+    def reference_lattice(self) -> ContactLattice:
+        """The lattice of contacts, in reduced units."""
+        return self._lattice
+
+    @property
+    def scales(self) -> Units:
+        """Length (m), stiffness (N/m) and mass (kg) of the reduced units."""
+        return self.network.scales
+
+    @property
+    def unit_length(self) -> float:
+        """Unit of length, m."""
+        return self.scales.length
+
+    @property
+    def velocity_scale(self) -> Array:
+        """Unit of velocity, m/s."""
+        return np.asarray(self.scales.velocity)
+
+    @cached_property
+    def elastic_tensor(self) -> Array:
+        """Elastic tensor of the periods in Voigt order, (n, n), with inner motions relaxed.
+
+        It is in N where the network repeats along a line, whatever its width; in Pa where it does so in a plane, the force
+        per length over one diameter, however thick the network is; in Pa in space.
+        """
+        unit = {1: self.scales.force, 2: self.scales.modulus, 3: self.scales.modulus}[self._lattice.periods]
+        return unit * self._lattice.elastic_tensor()
+
+    @property
+    def has_cubic_axes(self) -> bool:
+        """Whether the elastic tensor is that of a square or cube with edges along x, y, z, to rounding."""
+        return is_cubic(self.elastic_tensor)
+
+    def polarised_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
+        """Return velocities, m/s, and unit displacements of long waves, see :meth:`State.polarised_waves`."""
+        velocities, vectors = self._lattice.sound_velocities(direction)
+        return velocities * self.scales.velocity, vectors
+
+    @property
+    def twist_velocity(self) -> float | None:
+        """Velocity of the wave in which the balls of a straight chain turn about it, m/s; None if they do not."""
+        lattice = self._lattice
+        if not lattice.runs_twist:
+            return None
+        torsion = np.broadcast_to(lattice.torsion, lattice.stiffness.shape) * lattice.stiffness
+        if not np.all(torsion):
+            return 0.0
+        # a cell of springs in a row, and of moments of inertia
+        inertia = float(lattice.masses @ lattice.gyration**2)
+        return float(lattice.measure / np.sqrt(np.sum(1.0 / torsion) * inertia) * self.scales.velocity)
+
+
+class NetworkStates(State):
+    """The states at several loads of what has a network at each, as a crystal has: ``source[i]`` is that at one load."""
+
+    name = "network"
+    has_one_lattice = False
+
+    def __init__(self, source: Any) -> None:
+        self.source, self.warnings = source, tuple(source.warnings)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the load."""
+        return tuple(self.source.shape)
+
+    @cached_property
+    def _states(self) -> list[State]:
+        each = [self.source[at] for at in np.ndindex(self.shape)] if self.shape else [self.source]
+        return [as_state(one) for one in each]
+
+    def _stack(self, find: Callable[[State], Any]) -> Array:
+        """Return what ``find`` finds of the state at each load, with the shape of the load in front."""
+        values = np.array([find(one) for one in self._states])
+        return values.reshape(*self.shape, *values.shape[1:])
+
+    def __getitem__(self, index: Any) -> State:
+        """Select some of the loads, by an index as for arrays."""
+        return as_state(self.source[index])
+
+    @property
+    def network(self) -> ContactNetwork:
+        """The network at the only load; :class:`~granphon.base.errors.InputError` for several, each with its own."""
+        return given_network(self.source)
+
+    def contact_lattice(self) -> ContactLattice:
+        """Return the lattice at the only load; :class:`~granphon.base.errors.InputError` for several, each with its own."""
+        given_network(self.source)
+        return self.reference_lattice
+
+    @property
+    def reference_lattice(self) -> ContactLattice:
+        """The lattice at the first load, in reduced units."""
+        return self._states[0].reference_lattice
+
+    @property
+    def scales(self) -> Units:
+        """An error, as each load has units of its own."""
+        return given_network(self.source).scales
+
+    @property
+    def unit_length(self) -> float:
+        """Unit of length, m; :class:`~granphon.base.errors.InputError` if it is not the same at all loads."""
+        found = self._stack(lambda one: one.unit_length)
+        if np.ptp(found) > 0.0:
+            what = "the balls are not as far apart at all loads"
+            raise InputError(message(what, "Wave numbers are in units of their distance", "Take one load, as state[0]"))
+        return float(np.ravel(found)[0])
+
+    @property
+    def velocity_scale(self) -> Array:
+        """Unit of velocity at each load, m/s."""
+        return self._stack(lambda one: one.velocity_scale)
+
+    @cached_property
+    def elastic_tensor(self) -> Array:
+        """Elastic tensor, see :attr:`NetworkState.elastic_tensor`."""
+        return self._stack(lambda one: one.elastic_tensor)
+
+    @property
+    def has_cubic_axes(self) -> bool:
+        """Whether the symmetry is that of a square or cube at all loads."""
+        return all(one.has_cubic_axes for one in self._states)
+
+    @property
+    def is_isotropic(self) -> bool:
+        """Whether the elastic tensor is the same in all directions, at all loads."""
+        return all(one.is_isotropic for one in self._states)
+
+    def polarised_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
+        """Return velocities, m/s, and unit displacements of long waves, see :meth:`State.polarised_waves`."""
+        found = [one.polarised_waves(direction) for one in self._states]
+        velocities, vectors = (np.array(values) for values in zip(*found, strict=True))
+        return velocities.reshape(*self.shape, *velocities.shape[1:]), vectors.reshape(*self.shape, *vectors.shape[1:])
+
+    @property
+    def twist_velocity(self) -> Array | None:
+        """Velocity of the twist wave at each load, m/s; None if balls do not turn about their chain."""
+        return None if self._states[0].twist_velocity is None else self._stack(lambda one: one.twist_velocity)
+
+
+def as_state(source: Any) -> State:
+    """Return ``source``, the argument of a public call, as a state: itself, or that of its network, or of those it has.
+
+    Raises :class:`~granphon.base.errors.InputError` for something that has no network, and for a network without periods.
+    """
+    if isinstance(source, NetworkStates) and source.is_single:
+        return source._states[0]
+    if isinstance(source, State):
+        return source
+    if not getattr(source, "is_single", True):
+        return NetworkStates(source)
+    warnings = getattr(source, "warnings", None)
+    return NetworkState(given_network(source), None if warnings is None else tuple(warnings))
+
+
+def given_state(state: Any) -> ContactState:
+    """Return ``state``, the argument of a public function; raises :class:`InputError` if it is not a ContactState."""
+    if isinstance(state, NetworkStates):
+        given_network(state.source)  # an error: it has several loads
+    if not isinstance(state, ContactState):
+        refuse_unpressed(state)
+        why = "It needs the contact law of a packing" if isinstance(state, NetworkState | ContactNetwork) else ""
+        mend = "Give a ContactState, as medium.at_force gives it"
+        raise InputError(message(f"state is {brief(getattr(state, 'network', state))}", why, mend))
+    return state

@@ -53,6 +53,11 @@ class _Frame:
                 raise InputError(message(f"{self.name}:{line}: {column}: found {found}, where a number is needed")) from None
         return out
 
+    def read_words(self, column: str) -> list[str]:
+        """The words of a column, one for each row that has it."""
+        place = self.names.index(column)
+        return [cells[place] for _, text in self.rows if len(cells := text.split()) > place]
+
 
 def read_dumps(
     dump: str | os.PathLike[str], pairs: str | os.PathLike[str], units: str | Units | None, columns: Sequence[str] | None,
@@ -130,9 +135,10 @@ def _read_balls(frame: _Frame, length: float, mass: float) -> Balls:
             raise InputError(message(f"{frame.name} has no column {name}", listed, _WRITE_ATOMS))
     radii = frame.read("radius") if "radius" in frame.names else 0.5 * frame.read("diameter")
     masses = mass * frame.read("mass") if "mass" in frame.names else None
+    kinds = next((tuple(frame.read_words(name)) for name in ("element", "type") if name in frame.names), ())
     return Balls(
         frame.name, length * (places + frame.origin), length * radii, masses, labels=_read_ids(frame, "id"),
-        rounding=length * (rounding + find_rounding(radii)),
+        rounding=length * (rounding + find_rounding(radii)), kinds=kinds if len(set(kinds)) > 1 else None,
     )  # fmt: skip
 
 

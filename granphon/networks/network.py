@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.ball import RIGID_PLANE
-from granphon.balls.contact_table import require_joined
+from granphon.balls.contact_table import TOUCH, repeat_contacts, require_joined
 from granphon.balls.lattices import Lattice
 from granphon.balls.layers import Layers, find_axes, find_faces, read_edges
 from granphon.balls.material import Material
@@ -393,20 +393,14 @@ class ContactNetwork(Result):
         shape = require("shape", partial(lengths, low=1, high=MOST_CELLS, periods=len(axes)), shape)
         full = np.ones(3, int)
         full[axes] = shape
-        cells = np.stack(np.meshgrid(*map(np.arange, full), indexing="ij"), axis=-1).reshape(-1, 3)
-        n, count = self.n_balls, len(cells)
-        steps = cells[:, None] + self.shift  # (cells, n_c, 3) cell of ball j
-        there, wrapped = np.mod(steps, full), np.floor_divide(steps, full)
-        number = np.ravel_multi_index(tuple(np.moveaxis(there, -1, 0)), tuple(full))
+        cells, i, j, shift = repeat_contacts(self.i, self.j, self.shift, self.n_balls, tuple(full.tolist()))
+        count = len(cells)
         balls: dict[str, Any] = {name: np.tile(getattr(self, name), count) for name in _BALLS}
         contacts: dict[str, Any] = {
             name: np.tile(getattr(self, name), (count, *(1,) * (getattr(self, name).ndim - 1)))
             for name in self.contact_fields
         }
-        contacts |= {
-            "i": (n * np.arange(count)[:, None] + self.i).ravel(), "j": (n * number + self.j).ravel(),
-            "shift": wrapped.reshape(-1, 3),
-        }  # fmt: skip
+        contacts |= {"i": i, "j": j, "shift": shift}
         return replace(
             self, cell=self.cell * full[:, None],
             positions=(np.asarray(cells @ self.cell)[:, None] + self.positions).reshape(-1, 3), **balls,
@@ -448,17 +442,23 @@ class ContactNetwork(Result):
         periods, n, d = np.flatnonzero(self.pbc), self.n_balls, self.dimension
         cut, stack = self.layers_across(axis), np.zeros(3)
         turn, p, stack[:d] = cut.turn_space(), len(cut.cell), cut.stack
-        _, rise = cut.split(self.shift[:, periods])
-        if (reach := int(np.max(np.abs(rise), initial=0))) >= count:
+        sites, shift = self.positions.copy(), self.shift[:, periods]
+        sites[:, :d], shift = cut.gather(sites[:, :d], self.i, self.j, shift, np.isinf(self.radii))
+        _, rise = cut.split(shift)
+        reach, height = int(np.max(np.abs(rise), initial=0)), float(stack[p])
+        # a large cell, as that of a sample, is a layer of many rows, which hang together by themselves
+        furthest = float(np.max(np.abs(self.vector @ turn.T[:, p])[rise != 0], initial=0.0))
+        if furthest >= (1.0 - TOUCH) * count * height:
+            least = int((1.0 + TOUCH) * furthest / height) + 1
             what = f"some contacts reach across {counted(count, 'layer')}"
-            raise InputError(message(what, "None of them would be left", f"Give {reach + 1} layers or more"))
+            raise InputError(message(what, "None of them would be left", f"Give {least} layers or more"))
         # contacts of the layers and of those beyond, numbered from the lower face; one end of those that are cut is outside
-        i, j, row, inner = cut.unfold(self.i, self.j, self.shift[:, periods], n, count + 2 * reach)
+        i, j, row, inner = cut.unfold(self.i, self.j, shift, n, count + 2 * reach)
         i, j, total = i - reach * n, j - reach * n, n * count
         has_i, has_j = (i >= 0) & (i < total), (j >= 0) & (j < total)
         kept = has_i & has_j
         balls: dict[str, Any] = {name: np.tile(getattr(self, name), count) for name in _BALLS}
-        balls["positions"] = ((self.positions @ turn.T)[None] + np.arange(count)[:, None, None] * stack).reshape(-1, 3)
+        balls["positions"] = ((sites @ turn.T)[None] + np.arange(count)[:, None, None] * stack).reshape(-1, 3)
         faces = find_faces(balls["positions"][:, p], balls["radii"], words, n)
         contacts: dict[str, Any] = {name: getattr(self, name)[row[kept]] for name in self.contact_fields}
         contacts |= {name: contacts[name] @ turn.T for name in ("normal", "tangential_force") if name in contacts}
@@ -514,7 +514,7 @@ class ContactNetwork(Result):
             size + held,
             p,
             "the cut network",
-            mend="Give more layers, or a cell whose sites are near each other across them",
+            mend="Give more layers",
         )
         cell = np.zeros((3, 3))
         cell[:p, :d] = cut.cell
@@ -590,7 +590,7 @@ class ContactNetwork(Result):
         Parameters
         ----------
         dump : written by ``dump custom``, with columns id, x, y, z (or scaled or unwrapped ones), radius or diameter, and
-            mass if there is no material.
+            mass if there is no material. Elements, or else types, are the kinds of the balls where there are several.
         pairs : written by ``dump local``, with columns i, j (the ids of a pair) and, if need be, force (compressive,
             default: Hertz's at the overlap of the two balls); dx, dy, dz, the vector from j to i, as p10, p11, p12 of
             ``compute pair/local`` (default: to the nearest image); and tx, ty, tz, the tangential force on i, as p1, p2, p3

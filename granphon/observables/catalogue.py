@@ -25,8 +25,8 @@ from granphon.observables.velocities import Moduli, SoundVelocities, local_expon
 
 #: what must be worked out to find an observable: nothing beyond the packing; the state; the long waves of the state; its
 #: long waves at neighbouring loads, for which a simulation solves two more equilibria; a pulse through each sample, its
-#: spectral functions, or its density of states; or bands, along a path that is given
-CostClass = Literal["packing", "state", "velocities", "exponent", "pulse", "spectrum", "dos", "bands"]
+#: spectral functions, or its density of states; bands, along a path that is given; or the waves of an edge
+CostClass = Literal["packing", "state", "velocities", "exponent", "pulse", "spectrum", "dos", "bands", "surface"]
 
 
 @dataclass(frozen=True)
@@ -110,11 +110,15 @@ def _write_words(name: str) -> str:
 # -- what finds them ------------------------------------------------------------------------------------------------
 
 
-def _find_pressure(of: Analysis) -> Any:
-    """Return P, N, N/m or Pa; None if the stress of the lattice is not a pressure."""
-    with suppress(InputError):
-        return of.state.pressure
-    return None
+def _or_none(find: Callable[[Analysis], Any]) -> Callable[[Analysis], Any]:
+    """Make ``find`` return None where the lattice does not have the quantity, as of a stress that is no pressure."""
+
+    def found(of: Analysis) -> Any:
+        with suppress(InputError):
+            return find(of)
+        return None
+
+    return found
 
 
 def _find_direction(of: Analysis) -> Any:
@@ -162,17 +166,9 @@ def _make_velocity_entry(name: str, title: str, **more: Any) -> Observable:
 
 def _make_modulus_entry(name: str, title: str, **more: Any) -> Observable:
     """Make the entry of an attribute of the moduli; its value is None if the lattice has no such modulus."""
-
-    def find(of: Analysis) -> Any:
-        with suppress(InputError):
-            # a lattice without the modulus has no error of it either
-            known = getattr(of.moduli, name.removesuffix("_error"), None)
-            return None if known is None else getattr(of.moduli, name)
-        return None
-
-    return Observable(
-        name, Moduli.units[name], title, find=find, cost="velocities", per_dimension="modulus", **more
-    )  # fmt: skip
+    own = name.removesuffix("_error")  # a lattice without the modulus has no error of it either
+    find = _or_none(lambda of: None if getattr(of.moduli, own, None) is None else getattr(of.moduli, name))
+    return Observable(name, Moduli.units[name], title, find=find, cost="velocities", per_dimension="modulus", **more)
 
 
 def _make_load_error_entry(name: str, title: str) -> Observable:
@@ -184,16 +180,9 @@ def _make_load_error_entry(name: str, title: str) -> Observable:
     return Observable(error, SimulatedState.units[name], title, find=lambda of: of.state.mean_errors.get(error), swept=False)
 
 
-def _make_wave_entry(
-    name: str, unit: str, title: str, cost: CostClass, dims: tuple[str, ...] = (), **more: Any
-) -> Observable:
-    """Make the entry of what a sweep finds of the waves in the samples: they are not those of a state alone."""
-    return Observable(name, unit, title, cost=cost, dims=dims, **more)
-
-
 def _make_line_entry(name: str, unit: str, title: str, **more: Any) -> Observable:
-    """Make the entry of a number of the line of each plane wave in the spectrum of an array."""
-    return _make_wave_entry(name, unit, title, "spectrum", ("polarisation", "wavevector"), **more)
+    """Make the entry of what a sweep finds of the line of each plane wave in the spectrum of its samples."""
+    return Observable(name, unit, title, cost="spectrum", dims=("polarisation", "wavevector"), **more)
 
 
 _OVER_SAMPLES = "standard error over samples of the"
@@ -212,8 +201,8 @@ _OBSERVABLES = (
     _make_state_entry("normal_stiffness", "normal stiffness of a contact"),
     _make_state_entry("shear_stiffness", "shear stiffness of a contact"),
     Observable(
-        "pressure", SimulatedState.units["pressure"], "force per length of boundary", find=_find_pressure,
-        per_dimension="pressure",
+        "pressure", SimulatedState.units["pressure"], "force per length of boundary", per_dimension="pressure",
+        find=_or_none(lambda of: of.state.pressure),
     ),
     Observable("stress", "N/m", "size of the stress: its largest component", per_dimension="pressure", cost="packing"),
     Observable("strain", "1", "size of the strain: its largest component", cost="packing"),
@@ -301,16 +290,14 @@ _OBSERVABLES = (
         "exponent_error", "1", f"{_OVER_SAMPLES} exponent", find=_exclude_finite_overlap(lambda state: state.exponent_error),
         cost="exponent", meaning=f"{_OVER_SAMPLES} exponent; 0 for media that do not sample, nan for one sample",
     ),
-    _make_wave_entry("pulse_velocity", "m/s", "distance over the time of flight of a pulse", "pulse", told=True),
-    _make_wave_entry("pulse_velocity_error", "m/s", f"{_OVER_SAMPLES} velocity of a pulse", "pulse", sampled=True),
-    _make_wave_entry(
-        "pulse_distance", "m", "distance from the source of a pulse to where it is heard", "pulse", swept=False
-    ),
-    _make_wave_entry("time_of_flight", "s", "time of flight of a pulse by its envelope", "pulse"),
-    _make_wave_entry("coherent_fraction", "1", "part of the energy of a pulse that is coherent", "pulse"),
-    _make_wave_entry("path_corners", "1/m", "distances along the path of its corners", "spectrum", ("corner_of_path",)),
-    _make_wave_entry("path_distance", "1/m", "distance of a wave vector along the path", "spectrum", ("wavevector",)),
-    _make_wave_entry("wavenumber", "1/m", "length of a wave vector of the array", "spectrum", ("wavevector",)),
+    Observable("pulse_velocity", "m/s", "distance over the time of flight of a pulse", cost="pulse", told=True),
+    Observable("pulse_velocity_error", "m/s", f"{_OVER_SAMPLES} velocity of a pulse", cost="pulse", sampled=True),
+    Observable("pulse_distance", "m", "distance from the source of a pulse to where it is heard", cost="pulse", swept=False),
+    Observable("time_of_flight", "s", "time of flight of a pulse by its envelope", cost="pulse"),
+    Observable("coherent_fraction", "1", "part of the energy of a pulse that is coherent", cost="pulse"),
+    Observable("path_corners", "1/m", "distances along the path of its corners", cost="spectrum", dims=("corner_of_path",)),
+    Observable("path_distance", "1/m", "distance of a wave vector along the path", cost="spectrum", dims=("wavevector",)),
+    Observable("wavenumber", "1/m", "length of a wave vector of the array", cost="spectrum", dims=("wavevector",)),
     _make_line_entry("line_frequency", "Hz", "frequency of a plane wave in the array: the peak of its spectral function"),
     _make_line_entry("line_frequency_error", "Hz", f"{_OVER_SAMPLES} frequency of a plane wave", sampled=True),
     _make_line_entry("line_width", "Hz", "width of the line of a plane wave: full, at half maximum, without the kernel's"),
@@ -324,17 +311,28 @@ _OBSERVABLES = (
     _make_line_entry("attenuation", "1/m", "attenuation of the amplitude of a plane wave"),
     _make_line_entry("attenuation_error", "1/m", f"{_OVER_SAMPLES} attenuation", sampled=True),
     *(
-        _make_wave_entry(f"ioffe_regel_{name}{ending}", "Hz", f"{of}Ioffe-Regel frequency of {name} waves", "spectrum",
-                         sampled=bool(ending), told=not ending)
+        Observable(
+            f"ioffe_regel_{name}{ending}", "Hz", f"{of}Ioffe-Regel frequency of {name} waves", cost="spectrum",
+            sampled=bool(ending), told=not ending,
+        )
         for name in ("longitudinal", "transverse", "rotational")
         for ending, of in (("", ""), ("_error", f"{_OVER_SAMPLES} "))
     ),
-    _make_wave_entry("dos_frequency", "Hz", "frequencies of the density of states of the array", "dos", ("node",)),
-    _make_wave_entry("dos_total", "1/Hz", "density of states of the array, per ball that moves", "dos", ("node",)),
-    _make_wave_entry("dos_translational", "1/Hz", "part of the density of states in translations", "dos", ("node",)),
-    _make_wave_entry("dos_rotational", "1/Hz", "part of the density of states in rotations", "dos", ("node",)),
-    _make_wave_entry(
-        "dos_error", "1/Hz", f"{_OVER_SAMPLES} density of states; of one sample that of the random vectors", "dos", ("node",)
+    Observable("dos_frequency", "Hz", "frequencies of the density of states of the array", cost="dos", dims=("node",)),
+    Observable("dos_total", "1/Hz", "density of states of the array, per ball that moves", cost="dos", dims=("node",)),
+    Observable("dos_translational", "1/Hz", "part of the density of states in translations", cost="dos", dims=("node",)),
+    Observable("dos_rotational", "1/Hz", "part of the density of states in rotations", cost="dos", dims=("node",)),
+    Observable(
+        "dos_error", "1/Hz", f"{_OVER_SAMPLES} density of states; of one sample that of the random vectors",
+        cost="dos", dims=("node",),
+    ),
+    Observable(
+        "surface_velocity", "m/s", "velocity of the long wave at the edge, along the first leg of the path",
+        label="Surface velocity", cost="surface", told=True,
+    ),
+    Observable(
+        "surface_frequency", "Hz", "frequencies of the undamped waves of the edge along the path, nan beyond these",
+        cost="surface", dims=("surface_point", "surface_wave"),
     ),
     Observable("choice", "", "medium that the automatic medium chose"),
     Observable("expected_error", "1", "expected relative error of velocities and frequencies"),

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.lattices import Lattice
+from granphon.balls.layers import find_outer
 from granphon.balls.motions import ALL, Motions, allowed_motions, select_motions
 from granphon.balls.packing import Packing
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.rows import Row, contact_rows, push_rows
-from granphon.phonons.paths import BandPath, default_letters, special_points
-from granphon.phonons.zones import zone_faces, zone_polygon
+from granphon.phonons.paths import BandPath, default_letters, special_points, zone_faces, zone_polygon
 
 Array = NDArray[np.float64]
 
@@ -41,7 +41,8 @@ def describe_network(lattice: ContactLattice, name: str) -> dict[str, Any]:
     """Return what a page needs of the lattice of a network, as :func:`describe_lattice` does.
 
     Rows have ``weights``, the stiffness of each contact, so that the page takes a stiffness of one for each kind; balls have
-    ``masses`` and radii of gyration of their own. ``complex`` says that the rows of a single ball are not real.
+    ``masses`` and radii of gyration of their own. ``complex`` says that the rows of a single ball are not real. Of a cut,
+    ``sides`` are -1 and 1 of balls in its lower and upper quarter, and 0 of others; otherwise None.
     """
     from ase.dft.kpoints import parse_path_string
 
@@ -64,8 +65,10 @@ def describe_network(lattice: ContactLattice, name: str) -> dict[str, Any]:
         "rotate": lattice.motions.rotate, "free": lattice.free_branches, "warnings": list(lattice.free_branch_warnings),
         "mechanism": mechanism,
     }  # fmt: skip
+    heights = lattice.positions[:, p] if p < lattice.dimension else np.zeros(1)
+    lower, upper = find_outer(heights).astype(int)
     return {
-        **_describe_cell(lattice, name, path),
+        **_describe_cell(lattice, name, path), "sides": (upper - lower).tolist() if np.any(upper != lower) else None,
         "gyration": lattice.gyration.tolist(), "masses": lattice.masses.tolist(),
         "complex": np.iscomplexobj(lattice.compatibility(np.zeros((1, p)))),
         "rows": [{**_describe_row(row), "weights": weight.tolist()} for row, weight in weights],

@@ -27,7 +27,7 @@ from granphon.laws.cluster import VALID_FORCE as VALID_CLUSTER_FORCE
 from granphon.laws.cluster import ClusterLaw
 from granphon.laws.effective import VALID_FORCE, EffectiveLaw
 from granphon.laws.spread import AveragedLaw
-from granphon.media.choice import MediumChoice
+from granphon.media.choice import EVERY_MEDIUM, MediumChoice
 from granphon.media.cluster import ClusterMedium
 from granphon.media.state import Law
 
@@ -48,11 +48,6 @@ _LEAST_FRICTION = 0.05
 _NOTED = 1e-4
 #: loads of a simulation
 _SIMULATED = 17
-#: names of the media on a page
-WORDS = {
-    "ala": "averaged lattice", "afa": "averaged force", "ema": "effective medium", "cluster": "cluster medium",
-    "simulation": "simulation",
-}  # fmt: skip
 #: a curve: y, ln k* and d ln k* / d ln f* at values of ln f*
 _Curve = Callable[[Array], tuple[Array, Array, Array]]
 
@@ -79,7 +74,7 @@ def tabulate_medium(
     """
     name = choice.name
     found: dict[str, Any] = {
-        "name": choice.label, "words": WORDS[name], "table": None, "error": 0.0, "friction_error": 0.0,
+        "name": choice.label, "words": EVERY_MEDIUM[name].words, "table": None, "error": 0.0, "friction_error": 0.0,
         "valid": 0.0, "note": "", "refusal": "",
     }  # fmt: skip
     if packing.structure.periods == 1:

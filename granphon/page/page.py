@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from granphon.balls.diameters import Uniform
+from granphon.balls.hertz import EXPONENT
 from granphon.balls.lattices import as_direction
 from granphon.balls.loads import Load
 from granphon.balls.packing import MINDLIN, Packing
@@ -16,13 +17,13 @@ from granphon.base.errors import InputError, MechanismError, message
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
 from granphon.figures.style import colour_kinds
-from granphon.media.choice import MediumChoice
-from granphon.media.network_state import NetworkState
+from granphon.media.choice import EVERY_MEDIUM, MediumChoice
+from granphon.media.state import NetworkState
 from granphon.networks.network import given_network
 from granphon.observables.validity import find_warnings
 from granphon.page.bundle import fill_template
 from granphon.page.lattice_data import describe_lattice, describe_network
-from granphon.page.medium_tables import WORDS, tabulate_medium
+from granphon.page.medium_tables import tabulate_medium
 from granphon.phonons.paths import BandPath
 
 #: number of the layout of a page's data
@@ -136,7 +137,7 @@ def describe_page(
     for choice in list(dict.fromkeys(media)) or [MediumChoice("ala")]:
         serving = choice.choose(packing, load.applied.flat[np.zeros(1, int)])[0].medium
         if serving != choice:
-            words = f"{WORDS[serving.name]} ({serving.label})"
+            words = f"{EVERY_MEDIUM[serving.name].words} ({serving.label})"
             notes.append(f"At the first load the medium {choice.label} takes the {words}; the page keeps it at all loads.")
         chosen.append(serving)
     for value in (
@@ -173,7 +174,7 @@ def describe_page(
         "schema": PAGE_SCHEMA,
         "lattice": describe_lattice(packing, path or BandPath.default(structure)),
         "balls": {
-            "diameter": packing.diameter, "mass": packing.mass, "coefficient": law.coefficient,
+            "diameter": packing.diameter, "mass": packing.mass, "coefficient": law.coefficient, "power": EXPONENT,
             "shear_modulus": packing.material.shear_modulus, "density": packing.effective_density,
             "mindlin_ratio": packing.material.mindlin_ratio,
             "spread": type(packing.spread or Uniform(1.0)).__name__.lower(),

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.balls.layers import find_outer
 from granphon.balls.motions import IN_PLANE, Motions
 from granphon.base.errors import InputError, message
 from granphon.base.results import Result
@@ -203,11 +204,9 @@ class Bands(Result):
         :class:`~granphon.base.errors.InputError` of a lattice that is not a cut: all balls are at one height.
         """
         heights = (self.positions @ self.cell)[:, min(sum(self.pbc), 2)]
-        low, high = float(heights.min()), float(heights.max())
-        if not high - low > 1e-9 * float(np.abs(self.cell).max()):
+        if not np.ptp(heights) > 1e-9 * float(np.abs(self.cell).max()):
             raise InputError(message("the lattice has no edges", mend="Take bands of network.cut(axis, layers)"))
-        quarter = 0.25 * (1.0 + 1e-9) * (high - low)
-        masks = np.stack([heights <= low + quarter, heights >= high - quarter])
+        masks = find_outer(heights)
         found = np.einsum("ei,spicb->spbe", masks.astype(float), np.abs(self._motion) ** 2, optimize=True)
         close = np.diff(self.frequencies, axis=2) <= _COINCIDE * self.frequencies.max()
         for s, p in np.argwhere(np.any(close, axis=2)):

@@ -7,6 +7,7 @@ is moved as a whole.
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
@@ -37,8 +38,7 @@ from granphon.base.scales import Units
 from granphon.dynamics.compatibility import GYRATION
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.rows import Row, contact_rows, push_rows
-from granphon.media.network_state import NetworkState, as_state, given_state
-from granphon.media.state import ContactState, Law
+from granphon.media.state import ContactState, Law, NetworkState, as_state, given_state
 from granphon.networks.network import ContactNetwork
 from granphon.phonons.contacts import ContactFinder, keep_rows
 from granphon.phonons.phonopy_atoms import choose_symbols, name_balls
@@ -76,8 +76,8 @@ def atoms(state: Any) -> Atoms:
 
     Raises :class:`~granphon.base.errors.InputError` if the state holds several loads, and for a network without a period.
     """
-    found = as_state(state)
-    if isinstance(found, NetworkState):
+    found: Any = as_state(state)
+    if not found.follows_law:
         return _make_network_atoms(found)
     state = given_state(found)
     scales, lattice = state.scales, state.packing.structure
@@ -257,9 +257,16 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         self._bending = float(packing.bending)
         # without the rotations that no contact resists
         self._motions = select_motions(self._eta, self._torsion, self._bending, _MOTIONS[self._coordinates - 1])
+        self._overlap, self._apart = float(self.state.relative_overlap), self.state.law.least_overlap / self.scales.length
+        self._spacing = 1.0 - self._overlap if self.finite_overlap else 1.0
+
+    @cached_property
+    def _contacts(self) -> ContactFinder:
         # with finite overlap a contact of balls that do not turn acts along the line between them, whatever the lattice
-        self._contacts = ContactFinder(state, self._coordinates, self.finite_overlap and not self._motions.rotate)
-        self._overlap, self._apart, self._spacing = self._contacts.overlap, self._contacts.apart, self._contacts.spacing
+        return ContactFinder(
+            self.state, self._coordinates, self._overlap, self._apart, self._spacing,
+            free=self.finite_overlap and not self._motions.rotate,
+        )  # fmt: skip
 
     def set(self, **unknown: Any) -> dict[str, Any]:
         """Raise InputError for any parameter: all that this calculator needs is in its state."""

@@ -15,7 +15,7 @@ import numpy as np
 from ase import Atoms
 from numpy.typing import NDArray
 
-from granphon.balls.contact_table import TOUCH, select_once
+from granphon.balls.contact_table import TOUCH, find_pairs
 from granphon.base.errors import InputError, message
 from granphon.media.state import ContactState
 
@@ -101,44 +101,18 @@ class PairList:
 
 
 def _search(positions: Array, cell: Array, periodic: tuple[bool, ...], cutoff: float) -> Pairs:
-    """Find the pairs not farther apart than ``cutoff``, in a tree of the balls and of their images near the cell's faces."""
-    # imported here because it loads much of scipy, which one cell of a lattice does not need
-    from scipy.spatial import cKDTree
-
-    axes, (n, _) = np.flatnonzero(periodic), positions.shape
+    """Find the pairs not farther apart than ``cutoff``, with a shift for each axis of the cell, periodic or not."""
+    axes = np.flatnonzero(periodic)
     periods = cell[axes]
     if not np.all(np.any(periods, axis=1)):
         raise InputError(message("the balls are periodic along a cell vector of zero length", "The period is not known"))
     if len(axes) and np.prod(np.linalg.svd(periods, compute_uv=False)) < _FLAT:
         what = f"the balls are periodic in a cell without {('a length', 'an area', 'a volume')[len(axes) - 1]}"
         raise InputError(message(what, f"Its vectors are {'parallel' if len(axes) == 2 else 'not independent'}"))
-    # fractions of the periods: balls are moved into the cell, then repeated as far as a pair can reach beyond its faces
-    across = np.linalg.pinv(periods)
-    place = positions @ across
-    home = np.floor(place).astype(np.intp)
-    ball, step = np.arange(n), np.zeros((n, len(axes)), np.intp)
-    place -= home
-    for axis, margin in enumerate(cutoff * np.linalg.norm(across, axis=0) * (1.0 + 1e-9)):
-        reach = int(margin) + 1
-        kept = [(ball, step)]  # the balls themselves come first
-        for steps in (*range(-reach, 0), *range(1, reach + 1)):
-            away = place[ball, axis] + steps
-            near = (away >= -margin) & (away <= 1.0 + margin)
-            there = step[near]
-            there[:, axis] = steps
-            kept.append((ball[near], there))
-        ball, step = (np.concatenate(parts) for parts in zip(*kept, strict=True))
-    points = positions[ball] + (step - home[ball]) @ periods
-    one, other = cKDTree(points).query_pairs(cutoff, output_type="ndarray").T
-    own = one < n  # the first of a pair is the lower one, and a ball of the cell comes before all images
-    one, other = one[own], other[own]
-    i, j, shift = ball[one], ball[other], np.zeros((len(one), len(cell)), np.intp)
-    shift[:, axes] = step[other] - home[ball[other]] + home[ball[one]]
-    once = (other < n) | select_once(i, j, shift)
-    i, j, shift = i[once], j[once], shift[once]
-    order = np.lexsort((*shift.T[::-1], j, i))
-    i, j, shift = i[order], j[order], shift[order]
-    return Pairs(i, j, shift, positions[j] - positions[i] + shift @ cell)
+    i, j, steps, vector = find_pairs(positions, periods, cutoff)
+    shift = np.zeros((len(i), len(cell)), np.intp)
+    shift[:, axes] = steps
+    return Pairs(i, j, shift, vector)
 
 
 # -- contacts -------------------------------------------------------------------------------------------------------------
@@ -160,18 +134,16 @@ class ContactFinder:
     state : the state. The contact vectors of its lattice are the reference of each contact; with finite overlap contacts
         have the directions in which the balls are, at the spacing a = d - delta.
     coordinates : m, the number of coordinates of a ball that count.
-    free : whether balls need not be near the sites of the lattice, but may touch in any direction.
-
-    Attributes
-    ----------
     overlap : delta/d of the state.
     apart : delta/d up to which all balls are apart; below zero where diameters differ, as the largest balls touch first.
     spacing : of the sites, in diameters.
+    free : whether balls need not be near the sites of the lattice, but may touch in any direction.
     """
 
-    def __init__(self, state: ContactState, coordinates: int, free: bool) -> None:
-        self.overlap, self.apart = float(state.relative_overlap), state.law.least_overlap / state.scales.length
-        self.spacing = 1.0 - self.overlap if state.finite_overlap else 1.0
+    def __init__(
+        self, state: ContactState, coordinates: int, overlap: float, apart: float, spacing: float, free: bool
+    ) -> None:
+        self.overlap, self.apart, self.spacing = overlap, apart, spacing
         self._finite_overlap, self._lattice = state.finite_overlap, state.packing.structure
         self._coordinates, self._periods, self._free = coordinates, self._lattice.periods, free
         self._near = PairList()

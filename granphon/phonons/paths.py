@@ -1,9 +1,8 @@
-"""Special points of the Brillouin zone, and paths through the zone with their corners, points and labels."""
+"""The Brillouin zone of a lattice: its special points, its faces, and paths through it with their corners and labels."""
 
 from __future__ import annotations
 
 import itertools
-import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import Lattice
 from granphon.base.errors import InputError, Refused, brief, message
-from granphon.base.quantities import NUMBER
+from granphon.base.quantities import NUMBER, fraction
 from granphon.base.text import closest, counted, show
 from granphon.base.validation import real_array, require, texts, whole_number
 from granphon.dynamics.compatibility import require_digits
@@ -26,6 +25,8 @@ Array = NDArray[np.float64]
 Pieces = tuple[tuple[tuple[float, float, float], ...], ...]
 #: greatest number of points or cells that an argument may ask for; a larger one is a mistake
 LARGEST_COUNT = 1_000_000_000
+#: mesh of a density of states for one, two and three periods, if none is given
+MESHES = ((1024,), (64, 64), (32, 32, 32))
 #: greatest size of a coordinate of a path in a scene
 _LARGEST_FRACTION = 1e3
 #: letters of the corners of the path around the irreducible zone, and their coordinates as fractions of the reciprocal cell,
@@ -36,6 +37,8 @@ _SQUARE_PATH = "GXMG", "0 0 0 1/2 0 0 1/2 1/2 0 0 0 0"
 _FACE_CENTRED_PATH = "GXWKGL"
 #: difference of a cell from a hexagonal or square one, over the square of its side, that is put down to rounding
 _SAME = 1e-6
+#: corners of the zone that are closer than this part of its size are one corner
+_SAME_CORNER = 1e-6
 #: what the balls of a lattice with one, two or three periods make
 _SHAPES = ("row", "layer", "crystal")
 
@@ -205,14 +208,11 @@ def read_paths(value: Any, periods: int = 2, letters: str = "") -> Pieces:
 
 
 def _fraction(word: str, value: str, allowed: str) -> float:
-    if re.fullmatch(r"[-+]?[0-9]{1,9}/0*[1-9][0-9]{0,8}", word):
-        return float(Fraction(word))
-    number = float(word) if re.fullmatch(NUMBER, word) else math.nan
-    if abs(number) > _LARGEST_FRACTION:
-        raise Refused(f"{show(word)} in {show(value)}", f"numbers from {-_LARGEST_FRACTION:g} to {_LARGEST_FRACTION:g}")
-    if math.isnan(number):
-        raise Refused(f"{show(word)} in {show(value)}", allowed)
-    return number + 0.0
+    try:
+        return fraction(word, _LARGEST_FRACTION)
+    except Refused as refused:
+        numeric = re.fullmatch(NUMBER, word)
+        raise Refused(f"{show(word)} in {show(value)}", refused.allowed if numeric else allowed) from None
 
 
 def read_point(value: Any, structure: Lattice) -> Array:
@@ -343,3 +343,58 @@ class BandPath:
         near = {x: Fraction(x).limit_denominator(100) for path in self.paths for point in path for x in point}
         said = {x: str(one) if float(one) == x else repr(x) for x, one in near.items()}
         return ", ".join(" ".join(said[x] for point in path for x in point) for path in self.paths)
+
+
+# -- the zone itself: a polygon in the plane, faces in space ----------------------------------------------------------
+
+
+def zone_polygon(reciprocal: ArrayLike) -> Array:
+    """Find the corners (n, 2), anticlockwise, of the Brillouin zone: the Wigner-Seitz cell of the rows of ``reciprocal``.
+
+    ``reciprocal`` is (2, 2); the corners have its unit.
+    """
+    a, b = short = _reduce(reciprocal)
+    b = -b if a @ b > 0.0 else b
+    # the angle of a and b is at least 90 degrees, so that these are the neighbours of the origin in turn; each corner of the
+    # zone is as far from two successive neighbours as from the origin
+    g = np.array([a, a + b, b, -a, -a - b, -b])
+    both = np.stack([g, np.roll(g, -1, axis=0)], axis=1)
+    found = np.linalg.solve(both, 0.5 * np.sum(both**2, axis=2)[..., None])[..., 0]
+    found = found[np.argsort(np.arctan2(found[:, 1], found[:, 0]))]
+    apart = np.linalg.norm(found - np.roll(found, 1, axis=0), axis=1) > _SAME_CORNER * np.linalg.norm(short)
+    return np.asarray(found[apart])
+
+
+def zone_faces(reciprocal: ArrayLike) -> list[Array]:
+    """Find the faces of the Brillouin zone in space: the Wigner-Seitz cell of the rows of ``reciprocal``.
+
+    ``reciprocal`` is (3, 3). Each face is (n, 3), its corners in turn, anticlockwise as seen from outside, in the same unit.
+    """
+    # imported here, as only a zone in space needs it; the function of ASE would load matplotlib
+    from scipy.spatial import Voronoi
+
+    short, faces = _reduce(reciprocal), []
+    size = float(np.linalg.norm(short, axis=1).max())
+    points = np.array(list(itertools.product((-1, 0, 1), repeat=3))) @ short / size
+    cells, gamma = Voronoi(points), 13
+    for places, pair in zip(cells.ridge_vertices, cells.ridge_points, strict=True):
+        if gamma not in pair:
+            continue
+        ring, outward = cells.vertices[places], points[pair].sum(axis=0)
+        # a neighbour that the zone touches in an edge or a corner only gives a face without area
+        corners = ring[np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1) > _SAME_CORNER]
+        area = np.sum(np.cross(corners[1:-1] - corners[0], corners[2:] - corners[0]), axis=0) if len(corners) > 2 else 0.0
+        if np.linalg.norm(area) > _SAME_CORNER:
+            faces.append(np.asarray(corners[:: 1 if area @ outward > 0.0 else -1] * size))
+    return faces
+
+
+def _reduce(reciprocal: ArrayLike) -> Array:
+    """Return the shortest vectors (p, p) of the lattice of the rows of ``reciprocal``, p = 2 or 3."""
+    # imported here, as only a figure with a zone needs it
+    from ase.geometry.minkowski_reduction import minkowski_reduce
+
+    given = np.asarray(reciprocal, dtype=np.float64)
+    p, cell = len(given), np.eye(3)
+    cell[:p, :p] = given
+    return np.asarray(minkowski_reduce(cell, pbc=np.arange(3) < p)[0][:p, :p])

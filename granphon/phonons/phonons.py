@@ -25,15 +25,15 @@ from granphon.base.validation import grid_numbers, positive, real_array, whole_n
 from granphon.dynamics.compatibility import MOST_BYTES
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.damping import ContactDamping, DampedModes, damp_evenly, damp_unevenly
-from granphon.media.network_state import as_state, given_state
-from granphon.media.state import State
+from granphon.media.state import State, as_state, given_state
 from granphon.networks.network import given_network
 from granphon.observables.validity import find_warnings
 from granphon.phonons.bands import Bands, PhononModes
 from granphon.phonons.calculator import HertzMindlin, contact_blocks
 from granphon.phonons.calculator import atoms as lattice_atoms
+from granphon.phonons.complex_bands import ComplexBands, find_complex_bands
 from granphon.phonons.dos import DensityOfStates
-from granphon.phonons.paths import LARGEST_COUNT, check_inside, default_letters, interpolate_path, special_points
+from granphon.phonons.paths import LARGEST_COUNT, MESHES, check_inside, default_letters, interpolate_path, special_points
 from granphon.phonons.phonopy_atoms import OFFSET, name_atoms, place_atoms
 from granphon.phonons.phonopy_bridge import ContactPhonopy, write_phonopy
 
@@ -47,8 +47,6 @@ _MESH_POINTS = 4096
 _MESH_NUMBERS = 2**26
 #: largest standard deviation of a smeared density of states, over the top frequency
 _WIDEST = 1e6
-#: mesh of a density of states for one, two and three periods
-_MESHES = ((1024,), (64, 64), (32, 32, 32))
 #: mesh on which gaps are sought, for one, two and three periods
 _GAP_MESHES = ((256,), (48, 48), (16, 16, 16))
 #: width of a gap, over the top frequency, up to which branches touch
@@ -323,6 +321,28 @@ class Phonons:
             tuple(self._repeats.tolist()), self.state.kinds, self.lattice.gyration,
         )  # fmt: skip
 
+    def complex_bands(
+        self, frequencies: ArrayLike, axis: Any = 0, q: ArrayLike = (), *, damping: float = 0.0,
+        tangential_damping: float | None = None, loss_factor: float = 0.0,
+    ) -> ComplexBands:  # fmt: skip
+        """Return all wave numbers across the layers at given frequencies, those of waves that decay included.
+
+        Parameters
+        ----------
+        frequencies : (n_f,) Hz, above zero.
+        axis : across the layers, as for :meth:`ContactNetwork.cut`; of a packing or network, not of other ``atoms``.
+        q : (p - 1,) wave vector along the layers, in fractions of their reciprocal cell; zero by default.
+        damping, tangential_damping : s, viscosity over stiffness of each contact, in normal motion and in all other, as in
+            :meth:`Waves.transmit`; the second is by default the first.
+        loss_factor : part of the stiffness of each contact that loses energy at any frequency.
+
+        Raises :class:`~granphon.base.errors.PrecisionError` for a frequency at the very edge of a band.
+        """
+        network = given_network(self.state)
+        if len(self.atoms) != int(np.count_nonzero(network.moving)):
+            raise InputError(message("other atoms than those of the state", mend="Give the network of the larger cell"))
+        return find_complex_bands(network, frequencies, axis, q, damping, tangential_damping, loss_factor)
+
     def dos(
         self, mesh: Sequence[int] | None = None, method: Literal["tetrahedron", "smearing"] = "tetrahedron",
         sigma: float | None = None, points: int = 501,
@@ -339,7 +359,7 @@ class Phonons:
         points : number of frequencies, 12 or more, from zero to just above the top frequency.
         """
         p = self._periods
-        given, example = _MESHES[p - 1] if mesh is None else mesh, " ".join(map(str, _pad((64,) * p)))
+        given, example = MESHES[p - 1] if mesh is None else mesh, " ".join(map(str, _pad((64,) * p)))
         numbers = grid_numbers("mesh", given, 1, LARGEST_COUNT, example, p)
         if not isinstance(method, str) or method not in ("tetrahedron", "smearing"):
             raise InputError(message(f"method is {brief(method)}", mend="Use tetrahedron or smearing"))

@@ -14,7 +14,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from ase.data import chemical_symbols
 from numpy.typing import NDArray
 
 from granphon.balls.lattices import BALL
@@ -58,6 +57,8 @@ def number_kinds(masses: Array) -> list[int]:
 
 def free_symbol(symbol: str, taken: Iterable[str]) -> str:
     """Return a chemical symbol that is not ``taken``: this one if possible."""
+    from ase.data import chemical_symbols  # imported here, as figures of bands do not need it
+
     used = set(taken)
     return next(str(one) for one in (symbol, *KINDS, *chemical_symbols[1:]) if one not in used)
 
@@ -67,6 +68,8 @@ def choose_symbols(kinds: Iterable[str]) -> dict[str, str]:
 
     Where there are more kinds than symbols, all are balls of one symbol.
     """
+    from ase.data import chemical_symbols
+
     names = list(dict.fromkeys(kinds))
     if len(names) > len(chemical_symbols) - 1 - len(_NO_KIND):
         return dict.fromkeys(names, BALL)

@@ -2,52 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import os
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.base.errors import InputError, message
+from granphon.base.errors import GranphonError, InputError, message
 from granphon.base.results import Result
+from granphon.base.staging import write_text
+from granphon.base.tables import Heading, table_text
 from granphon.base.validation import finite_array, positive, real_array, whole_number
 from granphon.dynamics.half_space import HalfSpace
+from granphon.media.state import State
 from granphon.networks.network import given_network
+from granphon.phonons.paths import default_letters, interpolate_path, special_points
 
 Array = NDArray[np.float64]
 #: angular frequency, over the highest, that stands for zero in a spectrum: its limit
 _ZERO = 1e-7
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class SurfaceSpectrum(Result):
-    """Spectrum of the outer layer of a half space. ``np.asarray`` of it is ``values``.
-
-    Attributes
-    ----------
-    qpoints : (n_q, 3) wave vectors along the edge, fractions of the reciprocal cell of a layer.
-    frequencies : (n_f,) Hz.
-    values : (n_q, n_f) 1/Hz: the mean over the motions and the balls of the layer; the integral over frequency is 1.
-    by_motion : (n_q, n_f, motions) 1/Hz, of each motion, the mean over the balls; the integral of each is 1.
-    letters : names of the motions.
-    damping : full width at half maximum of the line of an undamped wave, Hz.
-    edges : (n_q, b, 2) lowest and highest frequency of each branch of the crystal at each wave vector, Hz.
-    """
-
-    units = {"frequencies": "Hz", "values": "1/Hz", "by_motion": "1/Hz", "damping": "Hz", "edges": "Hz"}
-    _shapes = {"qpoints": "q 3", "frequencies": "f", "values": "q f", "by_motion": "q f m", "edges": "q b 2"}
-
-    qpoints: Array
-    frequencies: Array
-    values: Array
-    by_motion: Array
-    letters: tuple[str, ...]
-    damping: float
-    edges: Array
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        return np.array(self.values, dtype)
+#: number of frequencies of a map, and its highest, over that of the bands
+_ROWS, _ABOVE = 241, 1.05
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -78,6 +57,60 @@ class SurfaceBranches(Result):
     def __getitem__(self, index: int) -> Array:
         """Return the frequencies of all waves at the wave vector of this number, (n,) Hz."""
         return np.asarray(self.frequencies[self.place == range(len(self))[index]])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SurfaceSpectrum(Result):
+    """Spectrum of the outer layer of a half space. ``np.asarray`` of it is ``values``.
+
+    Attributes
+    ----------
+    qpoints : (n_q, 3) wave vectors along the edge, fractions of the reciprocal cell of a layer.
+    frequencies : (n_f,) Hz.
+    values : (n_q, n_f) 1/Hz: the mean over the motions and the balls of the layer; the integral over frequency is 1.
+    by_motion : (n_q, n_f, motions) 1/Hz, of each motion, the mean over the balls; the integral of each is 1.
+    letters : names of the motions.
+    damping : full width at half maximum of the line of an undamped wave, Hz.
+    edges : (n_q, b, 2) lowest and highest frequency of each branch of the crystal at each wave vector, Hz.
+    waves : the waves of the edge at the same wave vectors; None if they were not sought.
+    distances : (n_q,) distance along a path over 2 pi, in units of 1/d; empty of wave vectors that are no path.
+    corners, labels : (c,) the same of the corners of the path, and their names.
+    """
+
+    units = {
+        "frequencies": "Hz", "values": "1/Hz", "by_motion": "1/Hz", "damping": "Hz", "edges": "Hz", "distances": "1",
+        "corners": "1",
+    }  # fmt: skip
+    _shapes = {
+        "qpoints": "q 3", "frequencies": "f", "values": "q f", "by_motion": "q f m", "edges": "q b 2", "corners": "c",
+        "labels": "c",
+    }  # fmt: skip
+
+    qpoints: Array
+    frequencies: Array
+    values: Array
+    by_motion: Array
+    letters: tuple[str, ...]
+    damping: float
+    edges: Array
+    waves: SurfaceBranches | None = None
+    distances: Array = field(default_factory=lambda: np.zeros(0))
+    corners: Array = field(default_factory=lambda: np.zeros(0))
+    labels: tuple[str, ...] = ()
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.array(self.values, dtype)
+
+    def write_csv(self, path: str | os.PathLike[str]) -> None:
+        """Write a table of the ``waves``: a row for each, with its wave vector, and the distance along the path."""
+        waves = self.waves
+        if waves is None:
+            raise InputError(message("the spectrum holds no waves of the edge", mend="Take Surface.map"))
+        distances = self.distances if len(self.distances) else np.full(len(self.qpoints), np.nan)
+        headings = [("distance", "1/d"), *((f"q{axis}", "") for axis in (1, 2, 3))]
+        headings += [("frequency", "Hz"), ("width", "Hz"), ("weight", "")]
+        columns = (distances[waves.place], *self.qpoints[waves.place].T, waves.frequencies, waves.widths, waves.weight)
+        write_text(path, table_text([Heading(*one) for one in headings], np.transpose(columns).tolist()))
 
 
 class Surface:
@@ -133,6 +166,28 @@ class Surface:
             raise InputError(message("a wave vector leaves the edge", mend=f"Give (n, {p}) fractions"))
         return given[:, :p], np.pad(given[:, :p], ((0, 0), (0, 3 - p)))
 
+    def path(self, npoints: int = 31) -> tuple[Array, Array, Array, tuple[str, ...]]:
+        """Return the path from corner to corner of the zone of a layer, ``npoints`` in each segment.
+
+        It is that of the bands of a cut. These are wave vectors (n_q, 3) in fractions of the reciprocal cell, each corner
+        once; distances (n_q,) along the path over 2 pi, 1/d; the distances (c,) and the names of the corners. At the end of
+        a chain there is one wave vector, and no corner.
+        """
+        cell, p = self.half_space.layers.cell, len(self.cell)
+        if not p:
+            return np.zeros((1, 3)), np.zeros(1), np.zeros(0), ()
+        vectors, repeats = cell[:, :p] / self.half_space.units.length, [True] * p
+        letters = special_points(vectors, repeats)
+        segments, labels = interpolate_path(default_letters(vectors, repeats), npoints, letters, None, p)
+        steps = np.linalg.norm(np.diff(segments[..., :p] @ np.linalg.inv(vectors).T, axis=1), axis=2)
+        along = np.cumsum(steps).reshape(steps.shape)
+        jumps = np.array(["|" in label for label in labels[1:-1]], bool)
+        first = np.concatenate([[0.0], along[:-1, -1]])
+        distances = np.concatenate([first[:, None], along], axis=1)
+        kept = np.ones(distances.shape, bool)
+        kept[1:, 0] = jumps  # a corner where two segments join is there once
+        return segments[kept], distances[kept], np.concatenate([first, along[-1:, -1]]), labels
+
     def continuum(self, q: ArrayLike | None = None) -> Array:
         """Return the lowest and the highest frequency (n_q, b, 2) of each branch of the crystal, Hz, at each q.
 
@@ -169,17 +224,38 @@ class Surface:
         edges = np.sqrt(np.maximum(half.bands(fractions), 0.0)) * unit
         return SurfaceSpectrum(points, at, each.mean(axis=2), each, tuple(half.motions.letters), width, edges)
 
-    def branches(self, q: ArrayLike | None = None, leaky: bool = False) -> SurfaceBranches:
+    def map(
+        self, npoints: int = 31, frequencies: ArrayLike | None = None, damping: float | None = None, leaky: bool = False
+    ) -> SurfaceSpectrum:
+        """Return :meth:`spectrum` along :meth:`path`, with the :meth:`branches` there as its ``waves``: ready to be drawn.
+
+        Parameters
+        ----------
+        npoints : wave vectors in each segment of the path, both ends counted.
+        frequencies : (n_f,) Hz; by default 241 from zero to just above the crystal's bands.
+        damping, leaky : as in :meth:`spectrum` and :meth:`branches`.
+        """
+        q, distances, corners, labels = self.path(npoints)
+        top = _ABOVE * float(np.sqrt(np.max(self.half_space.bands(self._read(q)[0])))) * self._frequency
+        found = self.spectrum(q, np.linspace(0.0, top, _ROWS) if frequencies is None else frequencies, damping)
+        return replace(found, waves=self.branches(q, leaky), distances=distances, corners=corners, labels=labels)
+
+    def branches(self, q: ArrayLike | None = None, leaky: bool = False, free: bool = False) -> SurfaceBranches:
         """Return the waves of the edge at q (n_q, p - 1): poles outside of the crystal's bands, all of them, to 1e-10.
 
         With ``leaky`` also resonances within the bands whose width is below a tenth of their frequency, and that have a
-        fiftieth of their energy on top; their width is that of first order. Motions at zero frequency, which deform no
-        contact, are not waves, and not among these. Wave vectors nearer to Gamma than 1e-4 of the zone lose digits.
+        fiftieth of their energy on top; their width is that of the pole below the real axis, or of first order where the
+        velocity of a wave of the crystal across the edge nearly vanishes. Motions at zero frequency, which deform no
+        contact, are not waves; with ``free`` those that have a thousandth of their energy in the outer layers are listed
+        too, also of a crystal whose own motions cost nothing. Wave vectors nearer to Gamma than 1e-4 of the zone lose
+        digits.
         """
         (fractions, points), unit = self._read(q), self._frequency
         found = [self.half_space.find_waves(fractions)]
         if leaky:
             found.append(self.half_space.find_leaky_waves(fractions))
+        if free:
+            found.append(self.half_space.find_free_motions(fractions))
         place, squares, weight = (np.concatenate(parts) for parts in zip(*found, strict=True))
         roots = np.sqrt(squares.astype(complex)) * unit
         order = np.lexsort((roots.real, place))
@@ -249,3 +325,29 @@ class Surface:
             raise InputError(message(f"the direction has the shape {along.shape}", mend=f"Give {p} numbers, not all zero"))
         unit = self.half_space.units.velocity
         return float(unit * self.half_space.rayleigh_velocity(along / np.linalg.norm(along)))
+
+
+def observe_surface(
+    states: Sequence[State], different: Sequence[State], axis: Any, edge: str, points: int
+) -> dict[str, Array]:
+    """Return what a run keeps of the waves at an edge, at each of n loads, by the names of the catalogue.
+
+    These are frequencies (n, n_q, n_w), Hz, along :meth:`Surface.path`, nan beyond those that there are, and where there is
+    a long wave its velocity (n,) along the first leg, m/s. ``different`` are the states, or the first of them if all have
+    one lattice in reduced units.
+    """
+    edges = [Surface(one, axis, edge) for one in different]
+    q, p = edges[0].path(points)[0], len(edges[0].cell)
+    branches = [one.branches(q[:, :p]) for one in edges]
+    most = max(1, *(int(np.bincount(one.place, minlength=1).max()) for one in branches))
+    table = np.full((len(edges), len(q), most), np.nan)
+    for row, one in zip(table, branches, strict=True):
+        rank = np.arange(len(one.place)) - np.searchsorted(one.place, one.place)
+        row[one.place, rank] = one.frequencies
+    ratio = np.array([[one.scales.frequency, one.scales.velocity] for one in states])
+    ratio = ratio / [[one.scales.frequency, one.scales.velocity] for one in different]
+    found = {"surface_frequency": ratio[:, 0, None, None] * table}
+    with suppress(GranphonError):
+        leg = q[1, :p] @ np.linalg.inv(edges[0].cell[:, :p]).T if len(q) > 1 else None
+        found["surface_velocity"] = ratio[:, 1] * [one.velocity(leg) for one in edges]
+    return found

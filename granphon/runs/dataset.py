@@ -28,25 +28,22 @@ from granphon.base.progress import Progress, silent
 from granphon.base.quantities import LIGHT_VELOCITY, LOAD_KINDS, find_load_unit
 from granphon.base.tables import Heading, write_table
 from granphon.base.text import damage_error, digest, read_bytes, require_schema, show, versions, warn_unverified
-from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.long_waves import voigt_names
 from granphon.media.arrangement import Balls
 from granphon.media.left_out import EXACT, LATTICE
 from granphon.observables.catalogue import CATALOGUE, Analysis, entry_of
-from granphon.phonons.paths import interpolate_path, special_points
 from granphon.runs.execution import solve_all
-from granphon.runs.samples import SampleRecord
 from granphon.runs.store import Store, TaskResult
 from granphon.runs.tasks import (
     INCOMPLETE,
     SWEEP_SCHEMA,
-    Case,
-    CaseTasks,
     Grid,
+    SampleRecord,
     drop_marks,
     explain_end,
     find_reached,
     label_warnings,
+    pad_alike,
     tell_warnings,
     to_json,
 )
@@ -59,10 +56,8 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 #: direction of the waves on a line, in the plane and in space, as files tell it
 _FIRST_AXES = ("(1)", "(1, 0)", "(1, 0, 0)")
-#: costs of the observables of the waves in simulated arrays
-_OF_WAVES = ("pulse", "spectrum", "dos")
-#: a prestress f/(k a) so small that a lattice which buckles under it does so under any
-_LEAST_PUSH = 1e-30
+#: costs of the observables of the waves in simulated arrays, and at edges
+_OF_WAVES = ("pulse", "spectrum", "dos", "surface")
 #: attribute "format" of the netCDF file, by which a sweep is recognised
 FORMAT = "granphon sweep"
 #: name of the attribute with the sha256 digest of the numbers
@@ -104,7 +99,7 @@ _VELOCITIES = {"longitudinal", "transverse", "transverse_slow", "transverse_fast
 #: variables that are infinite for equal balls, or where no error is known
 _MAY_BE_INFINITE = {"reduced_force", "reduced_spacing", "expected_error", "mean_free_path"}
 #: variables that are nan where a warning says that they are not known
-_MAY_BE_UNKNOWN = {name for name, one in CATALOGUE.items() if one.cost in ("pulse", "spectrum", "dos")}
+_MAY_BE_UNKNOWN = {name for name, one in CATALOGUE.items() if one.cost in _OF_WAVES}
 #: standard errors, nan where they are not known
 _ERRORS = {name for name, one in CATALOGUE.items() if one.sampled} | {"exponent_error"}
 #: attributes that hold a JSON text, and its type
@@ -121,22 +116,23 @@ class SweepRun:
 
     grid: Grid
     frame: Dataset
-    cases: tuple[CaseTasks, ...]
 
     @classmethod
-    def of(cls, grid: Grid, bands: Any = None, npoints: int = 101, labels: Sequence[str] | None = None) -> Self:
+    def of(cls, grid: Grid) -> Self:
         """Lay out the work; raises what :func:`sweep` raises before anything is computed."""
-        frame = make_frame(grid, bands, npoints, labels)
-        if grid.asked.sound:
-            _require_sound(grid.cases)
-        qpoints = frame["qpoints"].values if "qpoints" in frame else None
-        return cls(grid, frame, tuple(CaseTasks(case, qpoints) for case in grid.cases))
+        frame = make_frame(grid)
+        for case in grid.cases if grid.asked.sound else ():
+            try:  # an array is not the lattice, and has its own forces
+                case.medium.of(case.packing).require_sound(grid.asked.finite_overlap and not case.medium.is_exact)
+            except (MechanismError, InstabilityError) as error:
+                raise error.restate(f"{case.label}: {error}") from None
+        return cls(grid, frame)
 
     def do(
         self, executor: Executor | None = None, progress: Progress = silent, store: Store | None = None
     ) -> list[TaskResult]:
         """Do all tasks, case by case, whose results the ``store`` keeps, and return these."""
-        place, tasks = store or Store(), [task for case in self.cases for task in case.tasks]
+        place, tasks = store or Store(), [task for case in self.grid.cases for task in case.tasks]
         place.claim(collect_identity(self.frame), lambda: [task.name for task in tasks])
         return solve_all("simulation" if self.grid.asked.alone else "sweep", tasks, executor, progress, place)
 
@@ -147,8 +143,8 @@ class SweepRun:
         loads before.
         """
         left = iter(found)
-        parts = [case.join(list(islice(left, len(case.tasks)))) for case in self.cases]
-        dataset = fill(self.frame, self.grid, self.cases, [drop_marks(part) for part in parts])
+        parts = [case.join(list(islice(left, len(case.tasks)))) for case in self.grid.cases]
+        dataset = fill(self.frame, self.grid, [drop_marks(part) for part in parts])
         places = find_reached(parts, dataset.sizes["load"])
         if len(places) < dataset.sizes["load"]:
             error = explain_end(parts)
@@ -158,41 +154,16 @@ class SweepRun:
 
     def join_alone(self, analysis: Analysis, records: Sequence[SampleRecord]) -> Dataset:
         """Return the data set of a single state that has been found, with the records of its samples; see :meth:`join`."""
-        return fill(self.frame, self.grid, self.cases, [self.cases[0].observe_alone(analysis, records)])
-
-
-def _require_sound(cases: Sequence[Case]) -> None:
-    """Raise if a lattice has no sound, before anything is computed: a mechanism, or one that buckles under any load.
-
-    Of the stiffnesses of contacts it matters only which of them there are.
-    """
-    known: set[tuple[Any, ...]] = set()
-    for case in cases:
-        packing = case.packing
-        if not isinstance(packing, Packing):  # which contacts of a crystal carry is found with its state
-            continue
-        present = tuple(float(bool(one)) for one in (packing.mindlin_ratio, packing.torsion, packing.bending))
-        # an array is not the lattice, and has its own forces
-        pushed = case.asked.finite_overlap and not case.medium.is_exact
-        kind = (packing.structure, present, packing.ball_motions, pushed)
-        if kind in known:
-            continue
-        known.add(kind)
-        eta, torsion, bending = present
-        lattice = ContactLattice.of(packing.structure, eta, torsion=torsion, bending=bending, motions=packing.ball_motions)
-        try:
-            lattice.sound_velocities(np.eye(lattice.periods), _LEAST_PUSH if pushed else None)
-        except (MechanismError, InstabilityError) as error:
-            raise type(error)(f"{case.label}: {error}") from None
+        return fill(self.frame, self.grid, [self.grid.cases[0].observe_alone(analysis, records)])
 
 
 # -- the frame, and results in it -------------------------------------------------------------------------------------
 
 
-def make_frame(grid: Grid, bands: Any = None, npoints: int = 101, corners: Sequence[str] | None = None) -> Dataset:
+def make_frame(grid: Grid) -> Dataset:
     """Return the data set before anything is computed: coordinates, the path of the bands, and the inputs as attributes.
 
-    The path, which all packings share, has s segments of p points, and labels of its ``corners``. In the data set
+    The path, which all packings share, has s segments of p points, and labels of its corners. In the data set
     ``qpoints`` (s, p, 3) are fractions of the reciprocal cell, ``distances`` (s, p) lengths along the path in the paper's
     limit, in units of 1/d without 2 pi, and ``labels`` (s + 1,) the names of the corners.
     :class:`~granphon.base.errors.InputError` if there is no such path.
@@ -202,14 +173,13 @@ def make_frame(grid: Grid, bands: Any = None, npoints: int = 101, corners: Seque
     load, packing, asked = grid.load, grid.cases[0].packing, grid.asked
     finite = [one.has_finite_overlap(asked.finite_overlap) for one in grid.media]
     variables: dict[str, Any] = {}
-    if bands is not None:
+    if (way := asked.find_path(packing.structure)) is not None:
         if len({(case.packing.structure, case.packing.ball_motions) for case in grid.cases}) > 1:
             why = "The number of branches, or the Brillouin zone, differs, so that they do not fit into one array"
             what = "bands cannot be swept over friction, motions or lattices"
             raise InputError(message(what, why, "Make a sweep of each"))
         vectors, p = packing.structure.vectors, packing.structure.periods
-        letters = special_points(vectors) if isinstance(bands, str) else {}
-        qpoints, ticks = interpolate_path(bands, npoints, letters, corners, p)
+        qpoints, ticks = way
         cartesian = qpoints[..., :p] @ np.linalg.inv(vectors[:, :p]).T
         # no step leads to the first point of a segment, so that segments that do not join are drawn side by side
         steps = np.linalg.norm(np.diff(cartesian, axis=1, prepend=cartesian[:, :1]), axis=2)
@@ -253,6 +223,8 @@ def make_frame(grid: Grid, bands: Any = None, npoints: int = 101, corners: Seque
             labels = np.array(join_labels(waves.path, waves.labels))
             about = {"long_name": "corners of the path of the spectra"}
             variables["labels_of_path"] = ("corner_of_path", labels, about)
+    if asked.surface is not None:
+        attrs["surface"] = to_json(asked.surface)
     if asked.finite_overlap and not all(one.is_exact for one in grid.media):
         attrs["exponent"] = "left out: it is defined in the limit of small overlap"
     return Dataset(variables, coordinates, attrs | {"packing": to_json(grid.packing)})
@@ -293,7 +265,7 @@ def list_finite_overlap(dataset: Dataset) -> list[bool]:
 def collect_identity(frame: Dataset) -> dict[str, Any]:
     """Return all that determines the numbers, as plain data; a frame and the sweep read from its file give the same."""
     made, path = json.loads(frame.attrs["versions"]), [name for name in ("labels", "qpoints") if name in frame]
-    out = {name: json.loads(frame.attrs[name]) for name in ("packing", "media", "waves") if name in frame.attrs}
+    out = {name: json.loads(frame.attrs[name]) for name in ("packing", "media", "waves", "surface") if name in frame.attrs}
     out |= {"finite_overlap": bool(frame.attrs["finite_overlap"]), "versions": {name: made[name] for name in packages()}}
     known = {*LOAD_KINDS, *PARAMETERS, "direction"}
     for name in [name for name in frame.coords if name in known or "." in str(name)] + path:
@@ -302,17 +274,17 @@ def collect_identity(frame: Dataset) -> dict[str, Any]:
     return out
 
 
-def fill(frame: Dataset, grid: Grid, cases: Sequence[CaseTasks], parts: list[TaskResult]) -> Dataset:
+def fill(frame: Dataset, grid: Grid, parts: list[TaskResult]) -> Dataset:
     """Return the frame with the results of the cases, ``parts``, filled in."""
     load, axes = grid.load, grid.axes
     dims, counts = ("load", "medium", *(axis.name for axis in axes)), [len(axis.values) for axis in axes]
     along = ("direction",) * ("direction" in frame.dims)
     voigt = list(voigt_names(grid.cases[0].packing.structure.periods))
     sizes = {name: part[name].shape[1:] for part in parts for name in part if name in CATALOGUE and CATALOGUE[name].sampled}
-    for number, case in enumerate(cases):
+    for number, case in enumerate(grid.cases):
         # standard errors that a result lacks are zero for a medium that samples nothing, and nan, not known, for one sample
         error = np.zeros(load.size)
-        for serving in case.case.serving_media:
+        for serving in case.serving_media:
             error[serving.loads] = np.nan if serving.arrays and serving.packing.width else 0.0
         lacking = {name: shape for name, shape in sizes.items() if name not in parts[number]}
         parts[number] |= {
@@ -320,14 +292,20 @@ def fill(frame: Dataset, grid: Grid, cases: Sequence[CaseTasks], parts: list[Tas
         }
     labels = [case.label for case in grid.cases]
     told = [(label, text) for label, part in zip(labels, parts, strict=True) for text in tell_warnings(part)]
+    for name in {name for part in parts for name in part if name == "surface_frequency"}:
+        holders = [part for part in parts if name in part]
+        for part, table in zip(holders, pad_alike([part[name] for part in holders]), strict=True):
+            part[name] = table
     parts, missing = _fill_gaps(parts, grid.cases[0].packing.structure.periods)
     told += [(label, text) for label, text in zip(labels, missing, strict=True) if text]
     # a single state needs no name
     warnings = list(dict.fromkeys(text for _, text in told)) if grid.asked.alone else label_warnings(told)
-    if any(serving.chosen_automatically for one in cases for serving in one.case.serving_media):
-        for number, one in enumerate(cases):  # the medium that serves each load, and its error, +inf where that is not known
+    if any(serving.chosen_automatically for one in grid.cases for serving in one.serving_media):
+        for number, one in enumerate(
+            grid.cases
+        ):  # the medium that serves each load, and its error, +inf where that is not known
             choice, error = np.empty(load.size, object), np.empty(load.size)
-            for serving in one.case.serving_media:
+            for serving in one.serving_media:
                 choice[serving.loads], error[serving.loads] = serving.medium.label, serving.errors
             parts[number] |= {"choice": choice.astype(str), "expected_error": error}
     # keep the variables that every case has

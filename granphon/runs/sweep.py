@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import as_direction, find_lattice
 from granphon.balls.loads import Load
-from granphon.balls.packing import Packing, given_packing
+from granphon.balls.packing import Packing
 from granphon.balls.parameters import Axis, find_double
 from granphon.base.errors import (
     ConvergenceError,
@@ -33,8 +33,8 @@ from granphon.base.errors import (
 from granphon.base.progress import Progress, silent
 from granphon.base.staging import ResultFiles, is_whole
 from granphon.base.validation import block, require, truth
-from granphon.media.arrangement import Arrangement, CrystalMedium
-from granphon.media.choice import MediumChoice, no_simulation
+from granphon.media.arrangement import Arrangement, given_balls
+from granphon.media.choice import MediumChoice, default_medium, no_simulation
 from granphon.media.crystal import Crystal
 from granphon.phonons.paths import BandPath
 from granphon.runs.dataset import SweepRun, collect_identity, file_names, load_sweep, write_sweep
@@ -157,11 +157,8 @@ def sweep(
     GranphonError : a medium has no solution. The message names medium, parameters and load, and ``load_index`` is the index
         of that load. No result is written then.
     """
-    if isinstance(packing, Crystal):
-        packing = Arrangement.of(packing)
-    if not isinstance(packing, Arrangement):
-        given_packing(packing)
-    media = media if media is not None else (CrystalMedium.name if isinstance(packing, Arrangement) else "ala")
+    packing = given_balls(packing)
+    media = default_medium(packing) if media is None else media
     if load is not None and any(one is not None for one in (force, pressure, overlap)):
         raise InputError(message("a load is given twice", mend="Give load alone, or one of force, pressure, overlap"))
     load = Load.only(force=force, pressure=pressure, overlap=overlap) if load is None else load.applied.flat
@@ -169,8 +166,8 @@ def sweep(
     # all lattices of a sweep have the same number of periods
     lattice = find_lattice(next((axis.values[0] for axis in axes if axis.name == "lattice"), packing.structure))
     choices = [MediumChoice.parse(one, lattice) for one in (media if isinstance(media, list | tuple) else [media])]
-    if isinstance(packing, Arrangement) and any(one.name != CrystalMedium.name for one in choices):
-        raise InputError(message(f"media is {media!r}", "Balls of several kinds have no other medium", "Leave it out"))
+    for one in choices:
+        one.require_for(packing)
     if not choices:
         raise InputError(message("there is no medium to sweep over", mend="Give at least one, such as 'ala'"))
     if twice := [choice.label for choice in choices if choices.count(choice) > 1]:
@@ -205,7 +202,8 @@ def sweep(
         waves = WaveSettings(density, spectrum, *corners, pulse, way if pulse is not None else None)
 
     # bands are those of a mechanism too
-    asked = Asked(finite_overlap, direction=way, waves=waves, sound=bands is None)
+    along_path = None if bands is None else (bands, npoints, labels)
+    asked = Asked(finite_overlap, along_path, way, waves, sound=bands is None)
     grid = Grid(packing, axes, choices, load, asked)
     if waves is not None:
         from granphon.runs.wave_records import require_waves  # imported here: a sweep without waves does not need it
@@ -217,17 +215,13 @@ def sweep(
             except GranphonError as error:
                 raise type(error)(f"{case.label}: {error}") from None
     return sweep_grid(
-        grid, bands=bands, npoints=npoints, labels=labels,
-        executor=executor, progress=progress, path=path, resume=resume, overwrite=overwrite, store=store,
+        grid, executor=executor, progress=progress, path=path, resume=resume, overwrite=overwrite, store=store,
     )  # fmt: skip
 
 
 def sweep_grid(
     grid: Grid,
     *,
-    bands: str | ArrayLike | Sequence[ArrayLike] | None = None,
-    npoints: int = 101,
-    labels: Sequence[str] | None = None,
     executor: Executor | None = None,
     progress: Progress = silent,
     path: str | os.PathLike[str] | None = None,
@@ -239,7 +233,7 @@ def sweep_grid(
 
     Arguments, the data set and errors are those of :func:`sweep`. The load is an applied one, of at most one dimension.
     """
-    run = SweepRun.of(grid, bands, npoints, labels)
+    run = SweepRun.of(grid)
     target = None if path is None else Path(path)
     if target is None and resume:
         what, why = "a sweep without a path cannot be resumed", "Its finished parts are kept beside its file"

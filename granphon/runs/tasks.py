@@ -17,32 +17,39 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import islice
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.array.equilibrium import Equilibrium
+from granphon.array.pressed_sample import PressedEquilibrium, PressedSample
+from granphon.array.sample import Sample
+from granphon.array.true_equilibrium import TrueEquilibrium
+from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.parameters import Axis, combine
 from granphon.base.errors import ConvergenceError, GranphonError, InputError, MechanismError, message
-from granphon.base.results import plain
+from granphon.base.results import plain, read_only
 from granphon.base.text import counted
 from granphon.media.arrangement import Balls
 from granphon.media.choice import MediumChoice, ServingMedium
 from granphon.media.cost import estimate
 from granphon.media.equilibria import sort_by_load
+from granphon.media.limits import Check
+from granphon.media.sampled_state import HISTORY_UNITS
 from granphon.media.simulation import DirectSimulation, SimulatedState
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import Analysis, find_all, warn_of_missing_error
-from granphon.observables.validity import Tally
 from granphon.observables.velocities import warn_of_free_branches
-from granphon.runs.samples import RecordedState, SampleRecord, keep_balls, restore_sample
+from granphon.phonons.paths import interpolate_path, special_points
 from granphon.runs.store import TaskResult
 from granphon.runs.workers import packages
-from granphon.waves.settings import WaveSettings
+from granphon.waves.settings import SurfaceSettings, WaveSettings
 
 Array = NDArray[Any]
 #: warning that goes with the bands of a simulation
@@ -53,6 +60,17 @@ LATTICE_BANDS = (
 )
 #: in a result: places of the loads that were not reached, why the path ended, and the place of the load at which it did
 _MARKS = _MISSED, _WHY, _AT = "path.missed", "path.why", "path.at"
+#: numbers of any sample that its state averages
+_AVERAGED = (
+    "force", "boundary_force", "overlap", "normal_stiffness", "force_fluctuation", "contact_force_fluctuation",
+    "elastic_tensor",
+)  # fmt: skip
+#: what the names of numbers of waves begin with in the result of a task
+_WAVES = "waves."
+#: what the names of arrays of the balls begin with in the result of a task
+_BALLS = "balls."
+#: what of an equilibrium is not kept: the sample is drawn again from its seed
+_DRAWN = ("deviations", "lattice")
 #: version of the format of a sweep, attribute "schema" of its file; files of another one are refused
 SWEEP_SCHEMA = 1
 #: attribute of a data set that says why it lacks loads
@@ -74,9 +92,10 @@ class Asked:
     Attributes
     ----------
     finite_overlap : whether terms of relative order delta/d are.
-    qpoints : (s, p, 3), the path of the bands; None without bands.
+    path : that of the bands: letters or corners, points in a segment, and labels of the corners; None without bands.
     direction : that of sound, Cartesian, one or many; None for x.
     waves : what is asked of the waves in each sample of a simulation; None for nothing.
+    surface : the edge whose waves are asked for; None for none.
     exponents : whether those of the velocities are, for which a simulation solves two more equilibria at each load.
     sound : whether a lattice that has no velocities, a mechanism, is an error; otherwise they are left out.
     alone : whether it is the only state. The balls of its samples are kept, for files and figures of them, and messages need
@@ -84,12 +103,21 @@ class Asked:
     """
 
     finite_overlap: bool = False
-    qpoints: NDArray[Any] | None = None
+    path: tuple[Any, int, Sequence[str] | None] | None = None
     direction: tuple[Any, ...] | None = None
     waves: WaveSettings | None = None
+    surface: SurfaceSettings | None = None
     exponents: bool = True
     sound: bool = True
     alone: bool = False
+
+    def find_path(self, structure: Lattice) -> tuple[Array, tuple[str, ...]] | None:
+        """Find the points along the path of the bands, (s, p, 3), and the labels of its corners; None without bands."""
+        if self.path is None:
+            return None
+        corners, npoints, labels = self.path
+        letters = special_points(structure.vectors) if isinstance(corners, str) else {}
+        return interpolate_path(corners, npoints, letters, labels, structure.periods)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,6 +147,72 @@ class Case:
         """
         return self.medium.choose(self.packing, self.load)
 
+    @cached_property
+    def media(self) -> list[MediumTask]:
+        """A task for each medium that serves loads; an error names the case, and the load if it is known."""
+        try:
+            serving_media = [one for serving in self.serving_media for one in serving.by_geometry(self.asked.finite_overlap)]
+        except InputError as error:
+            at, periods = error.load_index, self.packing.structure.periods
+            located = _name_task(self.label, error) if at is None else _name_load(self.label, self.load, at, error, periods)
+            raise located from error
+        # lattices have no waves of their own here, and their exponents cost nothing
+        ideal = replace(self.asked, waves=None, exponents=True)
+        return [
+            MediumTask(
+                f"{self.label}: {serving.medium.label}" if serving.chosen_automatically else self.label,
+                serving,
+                self.asked if serving.arrays else ideal,
+            )
+            for serving in serving_media
+        ]
+
+    @cached_property
+    def tasks(self) -> list[MediumTask]:
+        """The tasks that can run side by side: of a simulation one for each sample."""
+        return [task for one in self.media for task in one.tasks]
+
+    def join(self, parts: Sequence[TaskResult]) -> TaskResult:
+        """Put the results of the :attr:`tasks` together; variables that only some of several media have are left out."""
+        left, found = iter(parts), list[TaskResult]()
+        for one in self.media:
+            found.append(one.join(list(islice(left, len(one.tasks)))))
+        if len(found) == 1:
+            return found[0]
+        marks, found = _join_marks(found, [one.serving.loads for one in self.media]), [drop_marks(part) for part in found]
+        order = np.argsort(np.concatenate([one.serving.loads for one in self.media]))
+        # notes on parts of the loads become notes on all of them: each condition and each sentence appears once
+        notes: dict[Any, Check | str] = {}
+        for note in (_read_note(text) for part in found for text in part["warnings"].tolist()):
+            key = note if isinstance(note, str) else (note.name, note.limit, note.reason, note.at_least)
+            before = notes.get(key)
+            notes[key] = before.join(note) if isinstance(before, Check) and isinstance(note, Check) else note
+        out: TaskResult = {"warnings": _write_notes(notes.values())}
+        named = {name: value for part in found for name, value in part.items() if name != "warnings"}
+        for name, value in named.items():
+            # arrays of one medium in two geometries have the same variables, of which some may be known in one alone
+            if all(name in part for part in found) or not self.media[0].serving.chosen_automatically:
+                rows = [
+                    part[name] if name in part else np.full((one.load.size, *value.shape[1:]), np.nan)
+                    for part, one in zip(found, self.media, strict=True)
+                ]
+                out[name] = np.concatenate(pad_alike(rows))[order]
+        return out | marks
+
+    def observe_alone(self, analysis: Analysis, records: Sequence[SampleRecord]) -> TaskResult:
+        """Return the variables of the only state; ``records`` are those of its samples, if it has any."""
+        (task,) = self.media
+        out = task.observe(analysis)
+        return out if task.asked.waves is None else _add_waves(out, task, task.load, records)
+
+    def restore(self, parts: Sequence[TaskResult]) -> SimulatedState:
+        """Return the only state, that of a simulation, with the samples whose balls the :attr:`tasks` kept."""
+        (serving,) = self.serving_media
+        (medium,) = serving.arrays
+        samples = [restore_sample(task.simulation, part) for task, part in zip(self.tasks, parts, strict=True)]
+        state = SimulatedState.of(medium, samples, serving.load.applied[0])
+        return replace(state, chosen_automatically=True) if serving.chosen_automatically else state
+
 
 @dataclass(frozen=True, eq=False)
 class Grid:
@@ -146,9 +240,8 @@ def require_arrays(media: Sequence[MediumChoice], swept: Iterable[str], names: I
     These are "dos", "spectrum" and "pulse" of simulated arrays themselves. ``swept`` are the parameters that are swept.
     """
     wanted = list(names)
-    if without := [one for one in media if wanted and not one.simulates]:
-        what = f"{wanted[0]} is asked for, and the medium {without[0].label!r} has no balls that it runs through"
-        raise InputError(message(what, mend="Take medium: simulation"))
+    for one in media if wanted else ():
+        one.require_arrays(wanted[0])
     if "spectrum" not in wanted:
         return
     if changing := [name for name in swept if name in ("lattice", "motions")]:
@@ -157,6 +250,16 @@ def require_arrays(media: Sequence[MediumChoice], swept: Iterable[str], names: I
     if len({one.settings.get("shape") for one in media}) > 1:
         what = "the spectra of arrays of several shapes do not fit into one array"
         raise InputError(message(what, "Their wave vectors differ", "Make a scene of each shape"))
+
+
+def pad_alike(arrays: Sequence[Array]) -> list[Array]:
+    """Return arrays with as many columns each as the widest has; what one lacks is nan."""
+    most = max(one.shape[-1] if one.ndim > 1 else 0 for one in arrays)
+    return [
+        np.pad(one, [(0, 0)] * (one.ndim - 1) + [(0, most - one.shape[-1])], constant_values=np.nan)
+        if one.ndim > 1 and one.shape[-1] < most else one
+        for one in arrays
+    ]  # fmt: skip
 
 
 def label_warnings(labelled: Iterable[tuple[str, str]]) -> list[str]:
@@ -171,89 +274,6 @@ def label_warnings(labelled: Iterable[tuple[str, str]]) -> list[str]:
         f"{first} and {len(others)} more: {text}" if others else text if text.startswith(f"{first} ") else f"{first}: {text}"
         for text, (first, *others) in labels.items()
     ]
-
-
-# -- of a case ------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class CaseTasks:
-    """The tasks of a case, and the result of the case that is made of theirs.
-
-    ``qpoints`` are those of the bands that are asked for, None without bands.
-    """
-
-    case: Case
-    qpoints: Any = None
-
-    @cached_property
-    def media(self) -> list[MediumTask]:
-        """A task for each medium that serves loads; an error names the case, and the load if it is known."""
-        case = self.case
-        try:
-            serving_media = [one for serving in case.serving_media for one in serving.by_geometry(case.asked.finite_overlap)]
-        except InputError as error:
-            at = error.load_index
-            periods = case.packing.structure.periods
-            located = _name_task(case.label, error) if at is None else _name_load(case.label, case.load, at, error, periods)
-            raise located from error
-        # lattices have no waves of their own here, and their exponents cost nothing
-        asked = replace(case.asked, qpoints=self.qpoints)
-        ideal = replace(asked, waves=None, exponents=True)
-        return [
-            MediumTask(
-                f"{case.label}: {serving.medium.label}" if serving.chosen_automatically else case.label,
-                serving,
-                asked if serving.arrays else ideal,
-            )
-            for serving in serving_media
-        ]
-
-    @cached_property
-    def tasks(self) -> list[MediumTask]:
-        """The tasks that can run side by side: of a simulation one for each sample."""
-        return [task for one in self.media for task in one.tasks]
-
-    def join(self, parts: Sequence[TaskResult]) -> TaskResult:
-        """Put the results of the :attr:`tasks` together; variables that only some of several media have are left out."""
-        left, found = iter(parts), list[TaskResult]()
-        for one in self.media:
-            found.append(one.join(list(islice(left, len(one.tasks)))))
-        if len(found) == 1:
-            return found[0]
-        marks, found = _join_marks(found, [one.serving.loads for one in self.media]), [drop_marks(part) for part in found]
-        order = np.argsort(np.concatenate([one.serving.loads for one in self.media]))
-        # notes on parts of the loads become notes on all of them: each condition and each sentence appears once
-        notes: dict[Any, Tally | str] = {}
-        for note in (_read_note(text) for part in found for text in part["warnings"].tolist()):
-            key = note if isinstance(note, str) else note[:4]
-            before = notes.get(key)
-            notes[key] = before.join(note) if isinstance(before, Tally) and isinstance(note, Tally) else note
-        out: TaskResult = {"warnings": _write_notes(notes.values())}
-        named = {name: value for part in found for name, value in part.items() if name != "warnings"}
-        for name, value in named.items():
-            # arrays of one medium in two geometries have the same variables, of which some may be known in one alone
-            if all(name in part for part in found) or not self.media[0].serving.chosen_automatically:
-                rows = [
-                    part[name] if name in part else np.full((one.load.size, *value.shape[1:]), np.nan)
-                    for part, one in zip(found, self.media, strict=True)
-                ]
-                out[name] = np.concatenate(rows)[order]
-        return out | marks
-
-    def observe_alone(self, analysis: Analysis, records: Sequence[SampleRecord]) -> TaskResult:
-        """Return the variables of the only state; ``records`` are those of its samples, if it has any."""
-        (task,) = self.media
-        out = task.observe(analysis)
-        return out if task.asked.waves is None else _add_waves(out, task, task.load, records)
-
-    def restore(self, parts: Sequence[TaskResult]) -> SimulatedState:
-        """Return the only state, that of a simulation, with the samples whose balls the :attr:`tasks` kept."""
-        (serving,) = self.case.serving_media
-        (medium,) = serving.arrays
-        samples = [restore_sample(task.simulation, part) for task, part in zip(self.tasks, parts, strict=True)]
-        state = SimulatedState.of(medium, samples, serving.load.applied[0])
-        return replace(state, chosen_automatically=True) if serving.chosen_automatically else state
 
 
 # -- of a medium ----------------------------------------------------------------------------------------------------
@@ -304,7 +324,7 @@ class MediumTask:
         """The tasks that can run side by side: one for each sample of a simulation, or this task itself."""
         samples = self.serving.samples
         ends = [f", seed {one.medium.settings['seed']}" * (len(samples) > 1) for one in samples]
-        asked = replace(self.asked, qpoints=None, direction=None)  # neither is asked for of a sample
+        asked = replace(self.asked, path=None, direction=None, surface=None)  # none is asked for of a sample
         return [SampleTask(self.where + end, one, asked) for end, one in zip(ends, samples, strict=True)] or [self]
 
     def join(self, parts: Sequence[TaskResult]) -> TaskResult:
@@ -314,7 +334,7 @@ class MediumTask:
         size, places, own = self.load.size, find_reached(parts, self.load.size), [drop_marks(part) for part in parts]
         load = self.load if len(places) == size else self.load[places]
         records = [SampleRecord.from_part(part, index) for index in places for part in own]
-        out = self.observe(Analysis(RecordedState.of(self.simulation, records, load), self.asked.direction))
+        out = self.observe(Analysis(SimulatedState.of(self.simulation, records, load), self.asked.direction))
         if self.asked.waves is not None:
             out = _add_waves(out, self, load, records)
         return _expand_loads(out, places, size) | _join_marks(parts, [np.arange(size)] * len(parts))
@@ -346,8 +366,8 @@ class MediumTask:
         """Return the variables of a state, with an axis of loads, and its "warnings"."""
         state, asked = analysis.state, self.asked
         # conditions that hold are kept only where another medium, at other loads, may not meet them
-        notes: list[Tally | str] = [
-            one for one in analysis.validity.tallies if one.failing or self.serving.chosen_automatically
+        notes: list[Check | str] = [
+            one for one in analysis.validity.checks if one.failing or self.serving.chosen_automatically
         ]
         out = find_all(analysis, ("state",), swept=True)
         try:
@@ -361,18 +381,28 @@ class MediumTask:
         out |= find_all(analysis, ("exponent",), swept=True) if asked.exponents else {}
         notes += warn_of_missing_error(out)
         found = {name: np.asarray(value)[None] if state.is_single else np.asarray(value) for name, value in out.items()}
-        if asked.qpoints is not None:
-            # the frequencies that phonopy gives, but from C(q), which needs no force constants. In the paper's limit one
-            # dispersion relation serves all loads, unless the torsion is that of a Hertz contact
-            loads = [state] if state.is_single else [state[i] for i in range(len(state.force))]
-            lattices = [one.contact_lattice() for one in (loads[:1] if state.has_one_lattice else loads)]
-            paths = [one.wavevectors(asked.qpoints.reshape(-1, 3)) for one in lattices]
+        # in the paper's limit one dispersion relation serves all loads, unless the torsion is that of a Hertz contact
+        way = asked.find_path(self.serving.packing.structure)
+        many = not state.is_single and (asked.surface is not None or way is not None)
+        loads = [state[i] for i in range(len(state.force))] if many else [state]
+        different = loads[:1] if state.has_one_lattice else loads
+        if asked.surface is not None and state.n_samples:
+            notes.append("waves of an edge are left out: those of a simulated array are not known")
+        elif asked.surface is not None:
+            from granphon.phonons.surfaces import observe_surface  # imported here: other runs do not need it
+
+            of = asked.surface
+            found |= observe_surface(loads, different, of.axis, of.edge, of.points)
+        if way is not None:
+            # the frequencies that phonopy gives, but from C(q), which needs no force constants
+            lattices = [one.contact_lattice() for one in different]
+            paths = [one.wavevectors(way[0].reshape(-1, 3)) for one in lattices]
             rows = np.array([one.frequencies(q) for one, q in zip(lattices, paths, strict=True)])
             hertz = np.array([one.scales.frequency for one in loads])
-            found["frequencies"] = (hertz[:, None, None] * rows).reshape(len(loads), *asked.qpoints.shape[:2], -1)
+            found["frequencies"] = (hertz[:, None, None] * rows).reshape(len(loads), *way[0].shape[:2], -1)
             notes += [*lattices[0].free_branch_warnings, *lattices[0].soft_mode_warnings(paths[0], rows[0])]
             notes += [LATTICE_BANDS] * bool(state.n_samples)
-        return found | {"warnings": _write_notes(dict.fromkeys(notes))}
+        return found | {"warnings": _write_notes(notes)}
 
     def _locate(self, error: GranphonError) -> GranphonError:
         """Return an error whose message begins with the task and the load.
@@ -503,6 +533,80 @@ class SampleTask(MediumTask):
         return found | keep_balls(samples[0]) if asked.alone else found
 
 
+class SampleRecord(SimpleNamespace):
+    """The numbers of a :class:`~granphon.array.sample.Sample` that a state averages, in SI units, under the sample's names.
+
+    It stands where the state has samples. ``fraction`` is the sample's ``contact_fraction()``, and ``of_waves`` what
+    :func:`~granphon.runs.wave_records.record_waves` found of its waves, if anything was asked for. Numbers of a history of
+    friction, and tensors at neighbouring loads, are there where the sample has them.
+    """
+
+    @classmethod
+    def of(
+        cls, sample: Sample | PressedSample, waves: WaveSettings | None = None, exponents: bool = True, whole: bool = False
+    ) -> Self:
+        """Record a sample; what it has not computed yet is computed now, with the ``waves`` that are asked for.
+
+        There are tensors at neighbouring loads for ``exponents`` of balls that differ. With ``whole`` the waves themselves
+        are kept too.
+        """
+        found: dict[str, Any] = {}
+        if waves is not None:
+            from granphon.runs.wave_records import record_waves  # imported here: a sweep without waves does not need it
+
+            found = record_waves(sample, waves, whole)
+        beside = ("elastic_tensors_beside",) * bool(exponents and sample.packing.spread_matters)
+        names = (*_AVERAGED, *beside, *(name for name in HISTORY_UNITS if hasattr(sample, name)))
+        numbers = {name: getattr(sample, name) for name in names}
+        return cls(**numbers, fraction=sample.contact_fraction(), of_waves=found)
+
+    @classmethod
+    def from_part(cls, part: TaskResult, index: int) -> Self:
+        """Take the record at one of the loads from the result of a task."""
+        numbers = {name: value[index] for name, value in part.items()}
+        waves = {name.removeprefix(_WAVES): value for name, value in numbers.items() if name.startswith(_WAVES)}
+        return cls(**{name: value for name, value in numbers.items() if "." not in name}, of_waves=waves)
+
+    @classmethod
+    def to_part(cls, records: Sequence[Self]) -> TaskResult:
+        """Stack the records at several loads as the result of a task: each number (n_loads, ...)."""
+        rows = [vars(one) | {_WAVES + name: value for name, value in one.of_waves.items()} for one in records]
+        return {name: np.array([row[name] for row in rows]) for name in rows[0] if name != "of_waves"}
+
+    def contact_fraction(self) -> float:
+        """Return the fraction of the contacts that carry load, N_c / 6 on the triangular lattice."""
+        return float(self.fraction)
+
+
+def keep_balls(sample: Sample | PressedSample) -> TaskResult:
+    """Return the balls of a sample at rest as arrays, each after an axis of one load."""
+    rest = sample.equilibrium
+    found = {name: np.asarray(getattr(rest, name)) for name in _list_kept(type(rest))}
+    if not isinstance(sample, PressedSample):  # after a history they follow from the elastic tensors
+        found["derivatives"] = np.array([rest.stiffness, rest.stiffness_slope])
+    return {_BALLS + name: value[None] for name, value in found.items()}
+
+
+def restore_sample(simulation: DirectSimulation, part: TaskResult) -> Sample | PressedSample:
+    """Return the one sample of a simulation, with what a task has found of it and its balls."""
+    packing, seed, history = simulation.packing, simulation.seed_of(0), simulation.history
+    kind = PressedEquilibrium if history.is_loaded else TrueEquilibrium if simulation.ratio else Equilibrium
+    given: dict[str, Any] = {name: part[_BALLS + name][0] for name in _list_kept(kind)}
+    rest: Any = kind(deviations=read_only(simulation.deviations(0)), lattice=packing.structure, **given)
+    if not history.is_loaded:
+        vars(rest)["_derivatives"] = tuple(part[_BALLS + "derivatives"][0].tolist())
+        sample: Sample | PressedSample = Sample(packing, seed, rest)
+    else:
+        sample = PressedSample(packing, seed, rest, history.shear_response)
+    vars(sample).update({name: one[0] for name, one in part.items() if name.startswith("elastic_")})
+    return sample
+
+
+def _list_kept(kind: type[Equilibrium]) -> list[str]:
+    """Return the names of the fields of an equilibrium that are kept."""
+    return [one.name for one in fields(kind) if one.name not in _DRAWN]
+
+
 # -- paths of loads that end early -----------------------------------------------------------------------------------
 
 
@@ -547,14 +651,15 @@ def explain_end(parts: Sequence[TaskResult]) -> ConvergenceError:
 # -- notes -----------------------------------------------------------------------------------------------------------
 
 
-def _write_notes(notes: Iterable[Tally | str]) -> NDArray[Any]:
-    """Encode notes on a result, which are conditions over loads or sentences, as an array of JSON texts."""
-    return np.array([json.dumps(note) for note in notes], "S")  # ASCII: one byte for each letter
+def _write_notes(notes: Iterable[Check | str]) -> NDArray[Any]:
+    """Encode notes on a result, conditions over loads or sentences, as an array of JSON texts, each once."""
+    texts = [to_json(note if isinstance(note, str) else list(vars(note).values())) for note in notes]
+    return np.array(list(dict.fromkeys(texts)), "S")  # ASCII: one byte for each letter
 
 
-def _read_note(text: bytes) -> Tally | str:
+def _read_note(text: bytes) -> Check | str:
     note = json.loads(text)
-    return note if isinstance(note, str) else Tally(*note)
+    return note if isinstance(note, str) else Check(*note)
 
 
 def tell_warnings(part: TaskResult) -> list[str]:

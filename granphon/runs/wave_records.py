@@ -26,16 +26,15 @@ from granphon.base.errors import GranphonError, InputError, message
 from granphon.base.results import Result
 from granphon.media.choice import ServingMedium
 from granphon.media.cost import find_typical_force
-from granphon.media.loaded_lattice import ideal_lattice
 from granphon.media.mean_field import AveragedLattice
-from granphon.media.state import ContactState
+from granphon.media.state import ContactState, ideal_lattice
+from granphon.phonons.surfaces import SurfaceSpectrum
 from granphon.waves.chebyshev import Kernel
 from granphon.waves.dos import SpectralDensity
 from granphon.waves.operator import WaveOperator
 from granphon.waves.path_spectra import PathSpectra, find_path_points
 from granphon.waves.plane_waves import find_polarisations
-from granphon.waves.pulse_source import MARGIN, PulseSource, require_sendable, transmit
-from granphon.waves.pulses import Pulse, average_pulses
+from granphon.waves.pulses import MARGIN, Pulse, PulseSource, average_pulses, require_sendable, transmit
 from granphon.waves.settings import WaveSettings
 from granphon.waves.spectral_functions import SpectralFunction, find_attenuation, find_ioffe_regel, find_mean_free_path
 from granphon.waves.waves import Waves
@@ -161,8 +160,10 @@ class SampleWaves:
 
 
 def read_waves(path: Path) -> Any:
-    """Read the result in a file ``sample_dos.json``, ``spectrum.json`` or ``pulse.json``."""
-    kinds: dict[str, type[Result]] = {"sample_dos": SpectralDensity, "spectrum": PathSpectra, "pulse": Pulse}
+    """Read the result in a file ``sample_dos.json``, ``spectrum.json``, ``pulse.json`` or ``surface.json``."""
+    kinds: dict[str, type[Result]] = {
+        "sample_dos": SpectralDensity, "spectrum": PathSpectra, "pulse": Pulse, "surface": SurfaceSpectrum,
+    }  # fmt: skip
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError):

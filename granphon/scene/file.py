@@ -9,10 +9,12 @@ from __future__ import annotations
 import math
 import os
 import re
+import textwrap
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import partial, reduce
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,20 +28,21 @@ from granphon.base.quantities import ACCELERATION, LENGTH, LOAD_KINDS, NUMBER, T
 from granphon.base.scales import write_quantity
 from granphon.base.text import Document, parse_yaml, read_text, show
 from granphon.base.validation import block, read_inside, refuse_unknown_key, whole
-from granphon.media.arrangement import Arrangement, CrystalCell
+from granphon.media.arrangement import Arrangement
 from granphon.phonons.paths import BandPath, read_labels
-from granphon.scene import crystal_rules as crystals
 from granphon.scene import rules
-from granphon.scene.crystal_rules import split_tensor
-from granphon.scene.rules import PARTS, SCENE_SCHEMA, Context, Kind, choose_lattice, table_named
+from granphon.scene.rules import PARTS, SCENE_SCHEMA, Context, Kind, choose_lattice, split_tensor, table_named
 from granphon.waves.settings import (
     POLARISATIONS,
     PulseSettings,
     SpectrumSettings,
+    SurfaceSettings,
     wave_rules,
     write_setting,
 )
 
+#: column at which the words of a key stand in a preset, and their width
+_WORDS_AT, _WORDS_WIDTH = 38, 80
 #: the default of a key that has none
 NEEDED = "required"
 
@@ -69,7 +72,7 @@ def _load(kind: str, words: str) -> Field:
 
 
 def _wave(key: str, words: str, default: str) -> Field:
-    """Return a field of the blocks about waves in a simulated array."""
+    """Return a field of the blocks about waves in a simulated array, or at an edge."""
     name, own = key.split(".")
     read = wave_rules(name)[own]
     place = f"waves.{key}" if name == "spectrum" else key  # a spectrum that is not observed is not written
@@ -114,22 +117,22 @@ FIELDS: tuple[Field, ...] = (
         kind=_unless_zero(PARTS["torsion"]),
     ),
     _part("bending", "stiffness of a contact against rolling, over k d²", "`0`", kind=_unless_zero(PARTS["bending"])),
-    Field("balls", "packing.kinds", crystals.BALLS, "kinds of balls by name, see [crystals](#crystals)", NEEDED),
+    Field("balls", "packing.kinds", rules.BALLS, "kinds of balls by name, see [crystals](#crystals)", NEEDED),
     *(
         Field(f"crystal.{key}", f"packing.{place}", kind, words, default)
         for key, place, kind, words, default in (
-            ("lattice", "lattice", crystals.STRUCTURE, "a lattice, or `NaCl`, `CsCl`, `zincblende`", "`cell` and `sites`"),
-            ("kinds", "order", crystals.ORDER, "names of kinds that follow each other on its sites", "all kinds in turn"),
-            ("cell", "cell", crystals.CELL, "vectors along which the crystal repeats, each a list of lengths", "`lattice`"),
-            ("sites", "sites", crystals.SITES, "a block `kind`, `at` for each ball: its kind, and its place", "`lattice`"),
-            ("repeat", "repeat", crystals.REPEAT, "cells of the supercell along each period", "one cell"),
-            ("cut", "cut", crystals.CUT, "block `axis`, `layers`, `edges` of a strip, slab or column, or a list", "none"),
-            ("replace", "replace", crystals.REPLACE, "numbers of balls, and the kinds that take their places", "none"),
-            ("remove", "remove", crystals.REMOVE, "numbers of balls that are taken out", "none"),
-            ("seed", "seed", crystals.SEED, "of the diameters, where kinds have a spread: `repeat` is then a sample", "`0`"),
-            ("law", "law", crystals.LAW, "the law of contacts, or a block of pairs of kinds with a law for each", "`hertz`"),
+            ("lattice", "lattice", rules.STRUCTURE, "a lattice, or `NaCl`, `CsCl`, `zincblende`", "`cell` and `sites`"),
+            ("kinds", "order", rules.ORDER, "names of kinds that follow each other on its sites", "all kinds in turn"),
+            ("cell", "cell", rules.CELL, "vectors along which the crystal repeats, each a list of lengths", "`lattice`"),
+            ("sites", "sites", rules.SITES, "a block `kind`, `at` for each ball: its kind, and its place", "`lattice`"),
+            ("repeat", "repeat", rules.REPEAT, "cells of the supercell along each period", "one cell"),
+            ("cut", "cut", rules.CUT, "block `axis`, `layers`, `edges` of a strip, slab or column, or a list", "none"),
+            ("replace", "replace", rules.REPLACE, "numbers of balls, and the kinds that take their places", "none"),
+            ("remove", "remove", rules.REMOVE, "numbers of balls that are taken out", "none"),
+            ("seed", "seed", rules.SEED, "of the diameters, where kinds have a spread: `repeat` is then a sample", "`0`"),
+            ("law", "law", rules.LAW, "the law of contacts, or a block of pairs of kinds with a law for each", "`hertz`"),
             ("friction", "friction", PARTS["friction"], "whether contacts resist shear", ""),
-            ("motions", "motions", crystals.MOTIONS, "how each ball moves, see [lattices](#lattices)", "as in `packing`"),
+            ("motions", "motions", rules.MOTIONS, "how each ball moves, see [lattices](#lattices)", "as in `packing`"),
             ("torsion", "torsion", PARTS["torsion"], "as in `packing`", "`0`"),
             ("bending", "bending", PARTS["bending"], "as in `packing`", "`0`"),
         )
@@ -147,14 +150,14 @@ FIELDS: tuple[Field, ...] = (
         "the number n of balls that lean on a side of that frame", "required with `side_force`",
     ),
     Field(
-        "load.stress", "load", crystals.tensor_kind("stress"),
+        "load.stress", "load", rules.tensor_kind("stress"),
         "of a crystal: the stress in Voigt order, or as a matrix; tension is positive", "one load is required",
     ),
     Field(
-        "load.strain", "load", crystals.tensor_kind("strain"),
+        "load.strain", "load", rules.tensor_kind("strain"),
         "of a crystal: the strain of its periods from where balls touch; extension is positive", "one load is required",
     ),
-    Field("load.times", "load", crystals.TIMES, "factors by which a stress or strain is multiplied", "`1`"),
+    Field("load.times", "load", rules.TIMES, "factors by which a stress or strain is multiplied", "`1`"),
     Field(
         "load.gravity", "load.gravity", rules.quantity(ACCELERATION),
         "of a crystal with a floor or clamp: the acceleration towards it, with another load or alone", "none",
@@ -195,6 +198,9 @@ FIELDS: tuple[Field, ...] = (
     _wave("pulse.source", "`plane`, the first plane of balls; `ball`, one of them", "`plane`"),
     _wave("pulse.ends", "`free`, `walls` (balls there are held), or `periodic`, where the pulse runs both ways", "`free`"),
     _wave("pulse.damping", "viscosity of a contact over its stiffness", "`0 s`"),
+    _wave("surface.axis", "across the edge: the number of a vector of the cell, or Miller indices, as `1 1 0`", NEEDED),
+    _wave("surface.edge", "`free`, `clamped` (the outer layer does not move) or `floor` (a plane touches it)", "`free`"),
+    _wave("surface.points", "wave vectors between two corners of the path along the edge", "`31`"),
     Field(
         "phonopy.dim", "dim", rules.grid_kind(("3 1 1", "3 3 1", "3 3 3"), 2, 100, 2),
         "cells of the supercell for force constants, along each period; `3 1 1` on a chain, `3 3 3` in space",
@@ -232,6 +238,8 @@ _CRYSTAL_BLOCKS = ("balls", "crystal")
 #: what a block "load" must hold, in words for messages; and that of a crystal
 _ONE_LOAD = "exactly one of force, pressure, overlap, or side_force with balls_per_side"
 _ONE_LOAD_OF_CRYSTAL = "exactly one of force, pressure, overlap, stress, strain; with gravity none of them is needed"
+#: what a preset says of whole blocks
+_BLOCK_WORDS = {"load": "one of these", "phonopy": "path and meshes; this block matters to bands, dos and spectrum only"}
 
 
 # -- writing and checking -------------------------------------------------------------------------------------------
@@ -240,7 +248,7 @@ _ONE_LOAD_OF_CRYSTAL = "exactly one of force, pressure, overlap, stress, strain;
 def write_blocks(scene: Any, at: Context) -> dict[str, Any]:
     """Return what the file of a scene holds, with every default written out, as plain data."""
     out: dict[str, Any] = {}
-    others = _CRYSTAL_BLOCKS if isinstance(scene.packing, Packing) else _NEEDED_BLOCKS[:2]
+    others = _NEEDED_BLOCKS[:2] if scene.packing.kind_names else _CRYSTAL_BLOCKS
     for name, fields in _BLOCKS.items():
         for key, field in fields.items():
             value = scene if name not in others else None
@@ -255,6 +263,34 @@ def write_blocks(scene: Any, at: Context) -> dict[str, Any]:
 def scene_rule(place: str, at: Context) -> Any:
     """Return the rule of the attribute ``place`` of a scene."""
     return next(field.kind.rule(at) for field in FIELDS if field.place == place)
+
+
+def write_preset(name: str) -> str:
+    """Return the text of a scene of the package, in which the words of each key stand where it comes first."""
+    text, out, block, told = (
+        (files("granphon") / "data" / f"{name}.yaml").read_text(encoding="utf-8"),
+        list[str](),
+        "",
+        set[str](),
+    )
+    for line in text.splitlines():
+        if not line and not block:
+            out += ["#", '# A quantity is a number and its unit, as in "8 mm". What is commented out shows other choices.']
+        out.append(line)
+        if (found := re.match(r"( *)(?:# )?(\w+):", line)) is None:
+            continue
+        block = block if found[1] else found[2]
+        # kinds of balls have keys of the blocks material and packing
+        fields = [_BLOCKS.get(name, {}).get(found[2] if found[1] else "") for name in (block, *_NEEDED_BLOCKS[:2])]
+        field = next((one for one in fields if one is not None), None)
+        words = _BLOCK_WORDS.get(line.removesuffix(":"), "") if field is None else field.words
+        if words and words not in told:
+            told.add(words)
+            plain = re.sub(r",? see \[[^]]*\]\([^)]*\)|`|\[(?=[^]]*\]\()|(?<=\w)\]\([^)]*\)", "", words)
+            first, *others = textwrap.wrap(plain, _WORDS_WIDTH)
+            out[-1] = f"{line:<{_WORDS_AT}} # {first}"
+            out += [f"{'':<{_WORDS_AT}} #    {one}" for one in others]
+    return "\n".join(out) + "\n"
 
 
 # -- reading --------------------------------------------------------------------------------------------------------
@@ -320,8 +356,8 @@ def _read_crystal_scene(document: Document, folder: Path) -> dict[str, Any]:
                 Arrangement(own["balls"], **{key: value for key, value in made.items() if key not in steps[number:]})
                 place = ("crystal", step)
         raise document.error(place, str(error)) from None
-    at = Context(arrangement.structure, kinds=tuple(dict(arrangement.kinds)), folder=folder)
-    unused = (*_CRYSTAL_BLOCKS, *_NEEDED_BLOCKS[:2], *_WAVES)  # waves through simulated arrays are those of packings
+    at = Context(arrangement.structure, kinds=arrangement.kind_names, folder=folder)
+    unused = (*_CRYSTAL_BLOCKS, *_NEEDED_BLOCKS[:2], "spectrum", "pulse")  # arrays are those of packings
     rest = {name: partial(_read_block, name, at=at) for name in _BLOCKS if name not in unused}
     others = {name: value for name, value in data.items() if name not in _CRYSTAL_BLOCKS}
     return block(others, rest, ("load",)) | {"packing": finite | {"arrangement": arrangement}}
@@ -335,7 +371,7 @@ def _read_block(name: str, value: Any, at: Context) -> Any:
     if name in ("phonopy", "spectrum") and value is None:
         return {}  # every key below it is commented out
     if name == "load" and isinstance(value, dict):  # block() refuses another value, with the keys that are allowed
-        of_crystal = isinstance(at.lattice, CrystalCell)
+        of_crystal = bool(at.kinds)
         given, one = [kind for kind in LOAD_KINDS if kind in value], _ONE_LOAD_OF_CRYSTAL if of_crystal else _ONE_LOAD
         if not of_crystal and (wrong := [key for key in ("stress", "strain", "times", "gravity") if key in value]):
             mend = "Describe the balls by the blocks balls and crystal."
@@ -387,8 +423,8 @@ def _find_lattice(data: Any) -> Lattice:
 _ORDINARY = {"young_modulus": 1e10, "density": 1e3, "diameter": 1e-2}
 #: what an option of a medium may be that turns out to be wrong when it is carried out
 _ALLOWED = {"start": "a load that the balls bear without friction, or gas"}
-#: the blocks of a scene file about waves in a simulated array, with their classes
-_WAVES = {"spectrum": SpectrumSettings, "pulse": PulseSettings}
+#: the blocks of a scene file about waves, with their classes
+_WAVES = {"surface": SurfaceSettings, "spectrum": SpectrumSettings, "pulse": PulseSettings}
 
 
 @dataclass(frozen=True)
@@ -436,17 +472,11 @@ class SceneSource:
             place = path or getattr(error, "path", ())
             if (option := getattr(error, "option", None)) is not None:
                 # the medium that has this option; if none of them has it, or several have, the media
-                media = self.document.data.get("medium")
-                each = [((at,), one) for at, one in enumerate(media)] if isinstance(media, list) else [((), media)]
-                found = [
-                    (("medium", *here, name, option), options[option])
-                    for here, one in each
-                    for name, options in (one.items() if isinstance(one, Mapping) else ())
-                    if isinstance(options, Mapping) and option in options
-                ]
+                found = [path for path in self.document.lines if path[:1] == ("medium",) and path[-1] == option]
                 place, given = ("medium",), f"{'several times' if found else 'no'} {option}"
                 if len(found) == 1:
-                    ((place, value),) = found
+                    (place,) = found
+                    value = reduce(lambda block, key: block[key], place, self.document.data)
                     given = show(value)
                     if isinstance(value, Mapping):
                         given = f"{{{', '.join(f'{key}: {one}' for key, one in value.items())}}}"

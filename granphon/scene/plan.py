@@ -11,34 +11,34 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from granphon.balls.contact_table import touch_once_at_most
 from granphon.balls.lattices import TRIANGULAR
+from granphon.balls.layers import Layers
 from granphon.balls.loads import Load
-from granphon.balls.packing import MINDLIN, Packing
-from granphon.balls.parameters import Axis, change_packing, count_combinations
+from granphon.balls.packing import Packing
+from granphon.balls.parameters import Axis, change_packing, count_combinations, find_unit
 from granphon.base.errors import GranphonError, InputError, MechanismError, Refused, message
 from granphon.base.progress import Progress, silent
-from granphon.base.quantities import LENGTH
+from granphon.base.quantities import LENGTH, find_load_unit
 from granphon.base.tables import Heading, table_text
 from granphon.base.text import MOST_SCENE_BYTES, dump_yaml
 from granphon.base.validation import read_inside, require
 from granphon.media import cost as costs
 from granphon.media.arrangement import Arrangement
-from granphon.media.choice import MEDIA, MediumChoice, ServingMedium, no_simulation
+from granphon.media.choice import MEDIA, MediumChoice, ServingMedium, default_medium, no_simulation
 from granphon.media.cost import Cost
-from granphon.media.loaded_lattice import ideal_lattice
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
-from granphon.phonons.paths import BandPath, read_paths
+from granphon.phonons.paths import MESHES, BandPath, read_paths
 from granphon.runs.tasks import Asked, Case, Grid, require_arrays
 from granphon.scene import rules
 from granphon.scene.file import SceneSource, scene_rule, write_blocks
 from granphon.scene.rules import Context
-from granphon.waves.settings import MOMENTS, READINGS, WAVES, PulseSettings, SpectrumSettings, WaveSettings
+from granphon.waves.settings import MOMENTS, READINGS, WAVES, PulseSettings, SpectrumSettings, SurfaceSettings, WaveSettings
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -46,6 +46,8 @@ if TYPE_CHECKING:
     from granphon.runs.dataset import Dataset
 
 
+#: what a spectrum is by default
+_SPECTRUM = SpectrumSettings()
 #: a part of the work: the path of the key that asks for it, how the user can make it smaller, and its cost
 CostPart = tuple[tuple[str, ...], str, Cost]
 #: greatest number of cases that are all checked; if there are more, only those at the ends of the axes are
@@ -149,28 +151,27 @@ class Plan:
     direction: tuple[Any, ...] | None = None
     band: BandPath | None = None
     band_points: int = 101
-    mesh: tuple[int, ...] | None = None
+    mesh: tuple[int, ...] = ()  # the default of the lattice
     dim: tuple[int, ...] | None = None
-    spectrum: SpectrumSettings = field(default_factory=SpectrumSettings)
+    surface: SurfaceSettings | None = None
+    spectrum: SpectrumSettings = _SPECTRUM
     pulse: PulseSettings | None = None
     source: Path | None = field(default=None, compare=False)
     #: document and file that the scene was read from; a copy made by ``replace`` has none, as its values may differ
     origin: SceneSource = field(default=SceneSource(), init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        kinds = tuple(dict(self.packing.kinds)) if isinstance(self.packing, Arrangement) else ()
         axes = tuple(Axis.of(name, values) for name, values in dict(self.parameters).items())
         object.__setattr__(self, "parameters", tuple((axis.name, axis.values) for axis in axes))
         swept = dict(self.parameters).get("lattice", ())
         lattice = rules.choose_lattice(self.packing.structure, swept)
         if lattice != self.packing.structure:
             object.__setattr__(self, "packing", change_packing(self.packing, {"lattice": swept[0]}))
-        if self.mesh is None:
-            object.__setattr__(self, "mesh", rules.MESHES[lattice.periods - 1])
+        if not self.mesh:
+            object.__setattr__(self, "mesh", MESHES[lattice.periods - 1])
         if isinstance(self.media, tuple | list) and not self.media:
-            by_default = "crystal" if kinds else "ema" if self.balls_differ else "ala"
-            object.__setattr__(self, "media", by_default)
-        at = Context(lattice, written=False, kinds=kinds)
+            object.__setattr__(self, "media", default_medium(self.packing, self.balls_differ))
+        at = Context(lattice, written=False, kinds=self.packing.kind_names)
         for name in ("media", "finite_overlap", "observe", "band_points", "mesh", "dim", "direction"):
             if (value := getattr(self, name)) is not None:
                 object.__setattr__(self, name, require(name, scene_rule(name, at), value))
@@ -187,16 +188,6 @@ class Plan:
     def path(self) -> BandPath:
         """Path of the bands in reciprocal space; never None, unlike the argument ``band``."""
         return BandPath.default(self.packing.structure) if self.band is None else self.band
-
-    @property
-    def grid(self) -> tuple[int, ...]:
-        """Numbers of wave vectors for the density of states; never None, unlike the argument ``mesh``."""
-        return cast("tuple[int, ...]", self.mesh)  # __post_init__ has replaced None
-
-    @property
-    def inputs(self) -> tuple[Path, ...]:
-        """Paths of the files that the scene was read from: the scene file, and the tables of measured diameters it names."""
-        return self.origin.inputs
 
     @property
     def directions(self) -> tuple[tuple[float, ...], ...]:
@@ -221,13 +212,6 @@ class Plan:
         return WaveSettings("dos" in self.observe, spectrum, *way, pulse, self.direction if pulse is not None else None)
 
     @property
-    def bands(self) -> dict[str, Any]:
-        """The path of the bands, as keywords of :func:`granphon.runs.sweep.sweep`; empty if they are not observed."""
-        if "bands" not in self.observe:
-            return {}
-        return {"bands": self.path.arrays, "npoints": self.band_points, "labels": self.path.labels}
-
-    @property
     def is_single(self) -> bool:
         """Whether there is one state alone: one load, one medium, and no parameter that is swept."""
         return len(self.load.values) == len(self.media) == 1 and not self.parameters
@@ -245,6 +229,37 @@ class Plan:
             what = f"the scene takes {size} kB as a text; a scene file holds {most} kB"
             raise InputError(message(what, mend="Give long lists as a range, or call granphon.sweep"))
         return text
+
+    def describe(self) -> list[tuple[str, Any, str]]:
+        """Return names, values and SI units of what the scene says; no state is computed."""
+        from granphon.figures.words import describe_medium  # imported here: a run does not need it
+
+        load, structure, seen = self.load, self.packing.structure, set(self.observe)
+        spectrum, pulse = self.spectrum, self.pulse
+        media = [describe_medium(one.label, structure.periods, structure.n_balls) for one in self.media]
+        rows: list[tuple[str, Any, str]] = [
+            *self.packing.describe(),
+            (load.kind.replace("_", " "), load.array, find_load_unit(load.kind, structure.periods, structure.pressed_axes)),
+            ("components", load.tensor, "of that"), ("balls per side", load.balls_per_side, ""),
+            ("gravity", load.gravity, "m/s^2"),
+            ("medium", media + ["the same for equal balls"] * (len(media) > 1 and not self.balls_differ), ""),
+            *((f"sweep of {name.replace('_', ' ')}", values, find_unit(name) or "") for name, values in self.parameters),
+            ("finite overlap", self.finite_overlap, ""), ("observe", self.observe, ""),
+            *(("direction", one, "") for one in self.directions[:4]),
+        ]  # fmt: skip
+        if seen & {"bands", "spectrum"}:
+            rows.append(("path", " ".join(self.path.labels) if self.path.labels else str(self.path), ""))
+        rows += [("points of a segment", self.band_points, "")] * ("bands" in seen)
+        if "spectrum" in seen:
+            rows += [("polarisation", spectrum.polarisation, ""), ("points of a leg", spectrum.points, "")]
+        if "pulse" in seen and pulse is not None:
+            told = (("frequency", "Hz"), ("cycles", ""), ("polarisation", ""))
+            rows += [(f"{name} of the pulse", getattr(pulse, name), unit) for name, unit in told]
+        if self.surface is not None and "surface" in seen:
+            axis = self.surface.axis if isinstance(self.surface.axis, int) else " ".join(map(str, self.surface.axis))
+            rows.append(("surface", f"axis {axis}, {self.surface.edge}", ""))
+        rows += [("mesh", " x ".join(map(str, self.mesh)), "")] * ("dos" in seen)
+        return [row for row in rows if row[1] is not None]
 
     @cached_property
     def diameters(self) -> str | None:
@@ -299,9 +314,11 @@ class Plan:
     def case_grid(self) -> Grid:
         """The cases without their places in the file, which a sweep carries out."""
         sound = "velocities" in self.observe
+        path = (self.path.arrays, self.band_points, self.path.labels) if "bands" in self.observe else None
         asked = Asked(
-            self.finite_overlap, direction=self.direction, waves=self.waves, exponents=sound,
-            sound=sound or not {"bands", "dos"} & set(self.observe), alone=self.is_single,
+            self.finite_overlap, path=path, direction=self.direction, waves=self.waves, exponents=sound,
+            surface=self.surface if "surface" in self.observe else None,
+            sound=sound or not {"bands", "dos", "surface"} & set(self.observe), alone=self.is_single,
         )  # fmt: skip
         return Grid(self.packing, self.axes, self.media, self.load.applied.flat, asked)
 
@@ -360,17 +377,18 @@ class Plan:
         with self.origin.at("sweep"):
             count_combinations(self.axes)
             few = self.few
-        place = ("sweep", "lattice") if "lattice" in dict(self.parameters) else ("packing", "lattice")
+        place = ("crystal",) if self.packing.kind_names else ("packing", "lattice")
+        place = ("sweep", "lattice") if "lattice" in dict(self.parameters) else place
         left: float = QUICK_STARTS
         for one in few:
             case, packing = one.case, one.case.packing
-            found = f"found {packing.structure.name!r}; allowed: a lattice that is rigid; "
-            with self.origin.at(*place, before=found + (case.where and f"{case.where}: ")):
+            found = f"found {packing.structure.name!r}; allowed: a lattice that is rigid; {case.where and f'{case.where}: '}"
+            with self.origin.at_medium(case.medium.label, f"a medium for the {packing.structure.name} lattice"):
+                medium = case.medium.of(packing)
+            with self.origin.at(*place, before=found):
                 if "velocities" in self.observe:
                     try:
-                        if isinstance(packing, Packing):  # what a crystal's contacts hold is found with its state
-                            # the torsion of a Hertz contact depends on the load; how large it is does not matter here
-                            ideal_lattice(packing, 1.0 if packing.torsion == MINDLIN else None).require_rigid()
+                        medium.require_sound()
                     except MechanismError as error:
                         mend = (
                             "It has bands and a density of states: observe them without velocities, as observe: [bands, dos]"
@@ -381,14 +399,13 @@ class Plan:
                             mend = "It has bands, which a sweep without velocities has: observe: [bands]"
                         raise MechanismError(message(str(error), mend=mend)) from None
             with self.origin.at_medium(case.medium.label, f"a medium for the {packing.structure.name} lattice"):
-                medium = case.medium.of(packing)
                 # a sweep leaves it to its own processes to solve one law after the other
                 later = not self.is_single and medium.is_solved_anew
                 if not later:
                     medium.prepare()
             _ = later or one.is_possible
-            if isinstance(packing, Arrangement) and "velocities" in self.observe and medium.is_quick:
-                with self.origin.at("crystal", before=case.where and f"{case.where}: "):
+            if "velocities" in self.observe and not later and all(serving.is_quick for serving in one.serving_media):
+                with self.origin.at(*place, before=found):
                     one.state.reference_lattice.require_rigid()
             left = one.require_start(left)
         self.require_waves(QUICK_BALLS)
@@ -471,15 +488,15 @@ class Plan:
         """Compute every state of the scene as one data set, from its :attr:`cases`.
 
         ``options`` are keywords of :func:`granphon.runs.sweep.sweep` besides those that the scene answers: ``path``,
-        ``resume``, ``overwrite`` and ``store``; ``bands``, ``npoints`` and ``labels`` if the scene observes no bands. A load
-        that cannot be carried raises :class:`~granphon.base.errors.SceneError` if the scene was read from a file, and one
-        that a computation does not reach :class:`~granphon.base.errors.ConvergenceError`.
+        ``resume``, ``overwrite`` and ``store``. A load that cannot be carried raises
+        :class:`~granphon.base.errors.SceneError` if the scene was read from a file, and one that a computation does not
+        reach :class:`~granphon.base.errors.ConvergenceError`.
         """
         from granphon.runs.sweep import sweep_grid
 
         self.require_waves()
         with self.place_errors():
-            return sweep_grid(self.case_grid, progress=progress, executor=executor, **options | self.bands)
+            return sweep_grid(self.case_grid, progress=progress, executor=executor, **options)
 
     # -- cost -----------------------------------------------------------------------------------------------------------
 
@@ -545,7 +562,7 @@ class Plan:
         if "bands" in seen:
             out.append((("phonopy", "band_points"), "Take fewer points", costs.bands(points, branches)))
         if "dos" in seen:
-            out.append((("phonopy", "mesh"), "Take a coarser mesh", costs.density_of_states(self.grid, branches)))
+            out.append((("phonopy", "mesh"), "Take a coarser mesh", costs.density_of_states(self.mesh, branches)))
         out.append(waves)
         if seen and self.dim is not None:
             mend = "Take a smaller supercell: bands and densities of states do not depend on it"
@@ -557,47 +574,48 @@ class Plan:
     def _require_consistency(self) -> None:
         """Raise :class:`~granphon.base.errors.Refused` if values that are allowed one by one exclude each other."""
         structure, dim = self.packing.structure, self.dim
-        if dim is not None and isinstance(self.packing, Packing) and not touch_once_at_most(structure.vectors, dim, 1.0):
+        if dim is not None and not touch_once_at_most(structure.vectors, dim, structure.reach):
             # two balls of the supercell would touch through two images
             sizes = ((n,) * structure.periods for n in range(1, 100))
-            least = next(size for size in sizes if touch_once_at_most(structure.vectors, size, 1.0))
+            least = next(size for size in sizes if touch_once_at_most(structure.vectors, size, structure.reach))
             raise Refused(rules.write_grid(dim), f"{rules.write_grid(least)} or more", path=("phonopy", "dim"))
         if self.finite_overlap:
-            try:
+            with rules.refusing(True, "false, with a simulation", "packing", "finite_overlap"):
                 no_simulation(self.media)
-            except InputError as error:
-                raise Refused("true", "false, with a simulation", str(error), ("packing", "finite_overlap")) from None
-        if isinstance(self.packing, Arrangement):
-            if wrong := [one.label for one in self.media if one.name != "crystal"]:
-                raise Refused(repr(wrong[0]), "crystal, the medium of balls of several kinds", path=("medium",))
-            if wrong := [name for name in ("spectrum", "pulse", *["dos"] * (not self.is_single)) if name in self.observe]:
-                allowed = "velocities and bands of balls of several kinds, of one state also gaps and dos"
-                raise Refused(repr(wrong[0]), allowed, "Its waves in time are those of gp.Waves(state).", ("observe",))
-            if self.packing.crystal.is_held and "velocities" in self.observe:
-                mend = "Long waves move all balls together, which a floor or clamp holds: write observe: [bands]."
-                raise Refused("'velocities' of balls that are held", "bands, gaps, dos of these", mend, ("observe",))
-            for name in dict(self.parameters):
-                if (kind := name.rpartition(".")[0]) not in self.packing.crystal.names:
-                    raise Refused(f"the kind {kind!r}, which has no ball", "kinds of the crystal", path=("sweep", name))
-        if "gaps" in self.observe and not self.is_single:
-            raise Refused("'gaps' of several states", "gaps of one state", "Observe bands.", ("observe",))
+        for one in self.media:
+            with rules.refusing(one.label, "a medium of these balls", "medium"):
+                one.require_for(self.packing)
         # the density of states of one state is that of its lattice, and of a simulation that of the array too
         names = [name for name in WAVES if name in self.observe and (not self.is_single or name != "dos")]
-        try:
+        several = ", where there are several loads or media or a sweep" * ("dos" in names)
+        arrays = f"{', '.join(names)} of arrays that a medium: simulation makes{several}"
+        with rules.refusing("".join(names[:1]), arrays, "observe"):
             require_arrays(self.media, dict(self.parameters), names)
-        except InputError as error:
-            allowed = f"{', '.join(names)} of arrays that a medium: simulation makes"
-            if "dos" in names:
-                allowed += ", where there are several loads or media or a sweep"
-            raise Refused(f"{names[0]!r}", allowed, str(error), ("observe",)) from None
-        if "pulse" in names and self.pulse is None:
-            mend = "Add a block such as pulse: {frequency: 6.5 kHz}."
-            raise Refused("'pulse' without a frequency", "pulse with a block 'pulse'", mend, ("observe",))
+        changing = [name for name in dict(self.parameters) if name in ("lattice", "motions")]
+        branches = self.parameters_of_branches
+        # an observable, whether it cannot be observed, what was found of it, what is allowed, and how to mend it
+        for name, fails, found, allowed, mend in (
+            ("velocities", self.packing.is_held, "of balls that are held", "bands, gaps, dos of these",
+             "Long waves move all balls together, which a floor or clamp holds: write observe: [bands]."),
+            ("gaps", not self.is_single, "of several states", "gaps of one state", "Observe bands."),
+            ("surface", self.surface is None, "without an axis", "surface with a block 'surface'",
+             "Add a block such as surface: {axis: 1}."),
+            ("surface", any(one.simulates for one in self.media), "of a simulation", "surface of a lattice or crystal",
+             "An array has no edge of its own: take another medium."),
+            ("surface", changing, f"with a sweep over {' and '.join(changing)}", "surface of one lattice",
+             "Make a scene of each."),
+            ("pulse", self.pulse is None, "without a frequency", "pulse with a block 'pulse'",
+             "Add a block such as pulse: {frequency: 6.5 kHz}."),
+            ("bands", branches, f"with a sweep over {' and '.join(branches)}",
+             "velocities, as the branches differ in number or zone", "Make a scene of each."),
+        ):  # fmt: skip
+            if name in self.observe and fails:
+                raise Refused(f"{name!r} {found}", allowed, mend, ("observe",))
+        if self.surface is not None and "surface" in self.observe:
+            with rules.refusing(self.surface.axis, "an axis across which the balls repeat", "surface", "axis"):
+                Layers.across(self.surface.axis, structure.vectors)
         if "pulse" in names and len(self.directions) > 1:
             raise Refused("several directions with a pulse", "one direction", path=("direction",))
-        if "bands" in self.observe and (changing := self.parameters_of_branches):
-            allowed = "velocities, as the branches differ in number or zone"
-            raise Refused(f"'bands' with a sweep over {changing[0]}", allowed, "Make a scene of each.", ("observe",))
         if self.band is not None:
             path = partial(read_paths, periods=structure.periods)
             read_inside("phonopy", partial(read_inside, "band", path), str(self.band))
@@ -611,7 +629,9 @@ def _estimate_waves(medium: DirectSimulation, load: Load, wanted: WaveSettings) 
     packing, structure = medium.packing, medium.packing.structure
     contacts = len(structure.contacts) / structure.n_balls
     rows = contacts * (1 + bool(packing.friction) * (structure.periods - 1))
-    waves = 0 if wanted.spectrum is None else _count_waves(medium, wanted)
+    # each point of the path becomes the nearest wave vector that the array has, of which there are so many along a leg
+    points = 0 if wanted.spectrum is None else min(wanted.spectrum.points - 1, max(medium.cells))
+    waves = points * sum(len(piece) - 1 for piece in wanted.path)
     for force in costs.find_typical_force(packing, load).tolist():
         ideal = MediumChoice("ala").of(packing).at(Load.only(force=force))[0]
         top = 1.5 * ideal.contact_lattice().top_frequency * ideal.scales.frequency  # Hz, a bound for differing balls too
@@ -629,20 +649,3 @@ def _estimate_waves(medium: DirectSimulation, load: Load, wanted: WaveSettings) 
             heard = steps * medium.balls / min(medium.cells)
             readings = READINGS * pulse.frequency * lasting * heard * medium.samples
         yield costs.array_waves(products, medium.balls, contacts, rows, heard, readings)
-
-
-def _count_waves(medium: DirectSimulation, wanted: WaveSettings) -> int:
-    """Return the number of wave vectors of an array's cell that a spectrum has: points of the path may share one."""
-    from granphon.waves.path_spectra import find_path_points  # imported here: a scene without waves does not need it
-    from granphon.waves.plane_waves import PeriodicCell
-
-    packing, structure = medium.packing, medium.packing.structure
-    assert wanted.spectrum is not None
-    p, cell = structure.periods, np.zeros((3, 3))
-    cell[:p, :p] = packing.diameter * structure.vectors[:, :p] * np.array(medium.cells)[:, None]
-    own = PeriodicCell(cell, (p > 0, p > 1, p > 2), structure.dimension)
-    lattice = ideal_lattice(packing, 1.0 if packing.torsion == MINDLIN else None)
-    try:
-        return len(find_path_points(own, lattice, packing.diameter, wanted.path, wanted.spectrum.points).q)
-    except InputError:  # the array has none, which a run refuses
-        return 0

@@ -12,9 +12,8 @@ from granphon.base.errors import InputError, MissingFileError, message
 from granphon.base.staging import ResultFiles, read_written_files
 from granphon.base.text import read_bytes, read_yaml
 from granphon.scene.run import (
-    SAMPLE_WAVES,
+    KEPT,
     SWEEP_FIGURES,
-    draw_sample_waves,
     draw_spectra,
     draw_sweep,
     read_summary,
@@ -22,7 +21,7 @@ from granphon.scene.run import (
 
 if TYPE_CHECKING:
     from granphon.dynamics.contact_lattice import ContactLattice
-    from granphon.figures.comparison import Run
+    from granphon.figures.curves import Run
 
 
 _FORMATS = (".pdf", ".png", ".svg")
@@ -47,9 +46,9 @@ def redraw(
     Parameters
     ----------
     folder : folder of the run; it holds sweep.nc, or fit.yaml, or band.yaml, dos.csv, or both.
-    out : file of the figure, whose ending .pdf, .png or .svg is the format. A name spectrum, pulse or sample_dos means that
-        result of a simulation, sweep_dos or sweep_spectra that of a sweep of simulations. By default sweep.png, fit.png,
-        bands.png (dos.png without bands) in the folder.
+    out : file of the figure, whose ending .pdf, .png or .svg is the format. A name surface means the waves of an edge,
+        spectrum, pulse or sample_dos that result of a simulation, sweep_dos or sweep_spectra that of a sweep of simulations.
+        By default sweep.png, fit.png, bands.png (dos.png without bands, surface.png of these waves alone) in the folder.
     force : overwrite a file that granphon wrote and that was not changed since.
     asymptotes : add to the bands the long waves (equations 13-15) of the scene in the folder.
     variable : name of the one variable of a sweep to draw.
@@ -65,13 +64,14 @@ def redraw(
     """
     source = Path(folder)
     have = _find_results(source)
-    waves = [stem for stem in SAMPLE_WAVES if (source / f"{stem}.json").exists()]
+    waves = [stem for stem in KEPT if (source / f"{stem}.json").exists()]
     stem = None if out is None else Path(out).stem
     there = {*waves, *(one for one in _OF_SWEEPS if (source / f"{one}.csv").exists())}
-    if stem in {*SAMPLE_WAVES, *_OF_SWEEPS} - there:
+    if stem in {*KEPT, *_OF_SWEEPS} - there:
         raise InputError(message(f"{source} holds no {stem} to draw", mend="Give the figure another name"))
     # the one that the file's name says; without bands and the like, the first
-    wave = next((name for name in waves if name == stem), None if have else next(iter(waves), None))
+    alone = waves == ["surface"] and set(have) == {"sweep.nc"} and out is None and variable is None
+    wave = next((name for name in waves if name == stem), next(iter(waves), None) if alone or not have else None)
     if not (have or waves):
         what = f"{source} holds neither sweep.nc nor band.yaml nor dos.csv nor fit.yaml, and no waves of a simulation"
         why = "forces.png is drawn by 'granphon run' alone" if (source / "forces.png").is_file() else ""
@@ -93,11 +93,12 @@ def redraw(
 
     def draw() -> Any:
         if wave is not None:
+            from granphon.figures.plot import plot
             from granphon.runs.wave_records import read_waves
 
-            return draw_sample_waves(wave, read_waves(source / f"{wave}.json"))
+            return plot(read_waves(source / f"{wave}.json"))
         if fitted and not swept:
-            from granphon.figures.fits import fit_figure
+            from granphon.figures.curves import fit_figure
             from granphon.fits.fit import WidthFit
 
             return fit_figure(WidthFit.from_dict(read_yaml(have["fit.yaml"])))
@@ -128,7 +129,7 @@ def draw_together(
     sources : folders of runs and of fits, or files of results in them.
     out : file of the figure, whose ending .pdf, .png or .svg is the format; by default comparison.png in the working folder.
     force : overwrite a file that granphon wrote and that was not changed since.
-    x, y, data : as in :func:`granphon.figures.comparison.plot_together`.
+    x, y, data : as in :func:`granphon.figures.curves.plot_together`.
     backend : matplotlib backend that draws.
 
     Raises
@@ -143,7 +144,7 @@ def draw_together(
         raise InputError(message(f"{double} is given twice", mend="Give each run once"))
 
     def draw() -> Any:
-        from granphon.figures.comparison import comparison_figure
+        from granphon.figures.curves import comparison_figure
 
         runs, balls = [read_run(name) for name in names], set[Any]()
         if data:  # their loads may be side forces on the hexagonal frame that the scenes of the runs tell
@@ -203,7 +204,7 @@ def read_run(source: str | os.PathLike[str]) -> Run:
 
 def _read_files(name: str, have: dict[str, Path]) -> Run:
     """Read the files of a run or of a fit; beside a fit nothing else is read."""
-    from granphon.figures.comparison import Run
+    from granphon.figures.curves import Run
 
     if "fit.yaml" in have and "sweep.nc" not in have:
         from granphon.fits.fit import WidthFit
@@ -265,20 +266,16 @@ def _name_kind(path: Path) -> str:
 def _find_lattice(source: Path) -> ContactLattice:
     """Return the lattice of contacts of the one state of a run; no array is simulated again."""
     # imported here, as a figure without asymptotes does not need the media
-    from granphon.balls.packing import Packing
-    from granphon.media.loaded_lattice import ideal_lattice
-    from granphon.media.network_state import as_state
-    from granphon.media.state import ContactState
+    from granphon.media.state import ContactState, ideal_lattice
     from granphon.scene.scene import Scene
 
     scene = Scene.from_yaml(source / "scene.yaml")
-    if not isinstance(scene.packing, Packing):
-        return as_state(scene.state()).contact_lattice()
-    if not scene.finite_overlap:  # in the paper's limit the lattice in reduced units is the same under every load
-        return ideal_lattice(scene.packing)
-    if not scene.media[0].is_exact:
+    packing: Any = scene.packing
+    if not scene.serving.arrays:
         return scene.state().contact_lattice()
+    if not scene.finite_overlap:  # in the paper's limit the lattice in reduced units is the same under every load
+        return ideal_lattice(packing)
     found = read_summary(source)
     numbers = {name: found[name] for name in ("force", "overlap", "normal_stiffness")}
-    medium, law = scene.media[0].name, scene.packing.law
-    return ContactState(scene.packing, medium, law, **numbers, finite_overlap=True).contact_lattice()
+    medium, law = scene.media[0].name, packing.law
+    return ContactState(packing, medium, law, **numbers, finite_overlap=True).contact_lattice()

@@ -12,6 +12,7 @@ summary.yaml           the numbers, under the names of the library's attributes,
 band.yaml              of a single state: bands, phonopy's format with eigenvectors
 phonopy_params.yaml    force constants, for the phonopy command
 dos.csv                density of states
+surface.*              of a single state: spectrum of the outer layer at an edge, and its waves; .json, .csv and .png
 sample.extxyz          of a simulation at one load: the first sample, its balls with positions, sizes and forces
 sample_balls.csv       of a simulation with friction_history at one load: the network of the first sample, whose contacts
 sample_contacts.csv    have their normal and tangential forces
@@ -42,8 +43,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granphon.base.errors import GranphonError, InputError, message
-from granphon.base.notebook import write_html
 from granphon.base.progress import Progress, silent
+from granphon.base.results import write_html
 from granphon.base.staging import ResultFiles, is_whole
 from granphon.base.tables import Heading, table_text
 from granphon.base.text import dump_yaml, read_yaml, require_schema, versions
@@ -53,9 +54,9 @@ from granphon.observables.catalogue import CATALOGUE, Analysis, Observable, entr
 from granphon.observables.validity import Validity
 from granphon.observables.velocities import Moduli, SoundVelocities
 from granphon.runs.dataset import SweepRun, load_sweep, write_sweep, write_waves
-from granphon.runs.samples import SampleRecord
 from granphon.runs.store import TaskResult, open_store
 from granphon.runs.sweep import keep_incomplete
+from granphon.runs.tasks import SampleRecord
 from granphon.runs.workers import packages
 from granphon.scene.file import SceneSource
 from granphon.scene.plan import Plan
@@ -68,6 +69,7 @@ if TYPE_CHECKING:
     from granphon.phonons.bands import Bands
     from granphon.phonons.dos import DensityOfStates
     from granphon.phonons.phonons import Phonons
+    from granphon.phonons.surfaces import SurfaceSpectrum
     from granphon.runs.dataset import Dataset
     from granphon.runs.wave_records import SampleWaves
 
@@ -80,6 +82,8 @@ WORK_FILE = ".granphon-sweep"
 SWEEP_FIGURES = {"sweep_dos.png": "dos", "sweep_spectra.png": "spectrum"}
 #: what a scene observes of the waves in the samples of one state, by the names of their files
 SAMPLE_WAVES = {"sample_dos": "dos", "spectrum": "spectrum", "pulse": "pulse"}
+#: what is kept as a result in a file .json, with a figure of it
+KEPT = {**SAMPLE_WAVES, "surface": "surface"}
 #: columns of a table: heading, unit, and the field of the result
 _COLUMNS = {
     "sample_dos": [
@@ -95,17 +99,17 @@ _COLUMNS = {
 RESULT_FILES = (
     "scene.yaml", "summary.yaml", "sweep.nc", "sweep.csv", "sweep_dos.csv", "sweep_spectra.csv", "band.yaml",
     "phonopy_params.yaml", "dos.csv", "sample.extxyz", "sample_balls.csv", "sample_contacts.csv",
-    *(f"{stem}.{ending}" for stem in SAMPLE_WAVES for ending in ("json", "csv")),
-    "sweep.png", *SWEEP_FIGURES, "bands.png", "dos.png", "forces.png", *(f"{stem}.png" for stem in SAMPLE_WAVES),
+    *(f"{stem}.{ending}" for stem in KEPT for ending in ("json", "csv")),
+    "sweep.png", *SWEEP_FIGURES, "bands.png", "dos.png", "forces.png", *(f"{stem}.png" for stem in KEPT),
     "sweep_incomplete.nc", "sweep_incomplete.csv", DIAMETERS_FILE,
 )  # fmt: skip
 #: variables of which the summary of several states lists the least and the greatest value
 _EXTENTS = (
     "force", "overlap", "longitudinal", "transverse", "transverse_slow", "transverse_fast", "pulse_velocity",
-    "time_of_flight", "coherent_fraction", *(f"ioffe_regel_{name}" for name in POLARISATIONS),
+    "time_of_flight", "coherent_fraction", "surface_velocity", *(f"ioffe_regel_{name}" for name in POLARISATIONS),
 )  # fmt: skip
-#: what the summary of one state says of the waves in its samples, where it is known
-_OF_WAVES = [name for name, one in CATALOGUE.items() if one.cost in ("pulse", "spectrum") and not one.dims]
+#: what the summary of one state says of the waves in its samples, or at its edge, where it is known
+_OF_WAVES = [name for name, one in CATALOGUE.items() if one.cost in ("pulse", "spectrum", "surface") and not one.dims]
 
 
 def list_files(scene: Plan) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -118,7 +122,8 @@ def list_files(scene: Plan) -> tuple[tuple[str, ...], tuple[str, ...]]:
         return tuple(names), tuple(drawn)
     if "bands" in seen:
         names += ["band.yaml", "phonopy_params.yaml"]
-    names += ["dos.csv"] * ("dos" in seen)
+    names += ["dos.csv"] * ("dos" in seen) + ["surface.json", "surface.csv"] * ("surface" in seen)
+    drawn += ["surface.png"] * ("surface" in seen)
     drawn += ["bands.png"] if "bands" in seen else ["dos.png"] * ("dos" in seen)
     for medium in scene.serving.arrays:  # one at most
         waves = [stem for stem, of in SAMPLE_WAVES.items() if of in seen]
@@ -156,6 +161,7 @@ class RunResult:
         and after reading the result from its folder, where files hold these.
     bands, dos, gaps : of a single state, frequencies along the path, Hz, their density of states, 1/Hz, and intervals
         without a branch, (n, 2) Hz; likewise.
+    surface : of a single state, the spectrum of the outer layer at the edge, with its waves; likewise.
     waves : what was asked for of the waves in the samples of a single state; likewise.
     failures : one sentence for each figure that could not be drawn, with the reason.
     """
@@ -168,6 +174,7 @@ class RunResult:
     bands: Bands | None = None
     dos: DensityOfStates | None = None
     gaps: Any = None
+    surface: SurfaceSpectrum | None = None
     waves: SampleWaves | None = None
     files: tuple[Path, ...] = ()
     failures: tuple[str, ...] = ()
@@ -292,7 +299,13 @@ class RunResult:
 
             return forces_figure(self.state)
         if self.waves is not None and stem in SAMPLE_WAVES:
-            return draw_sample_waves(stem, self.waves.results[stem])
+            from granphon.figures.plot import plot
+
+            return plot(self.waves.results[stem])
+        if stem == "surface":
+            from granphon.figures.plot import plot
+
+            return plot(self.surface)
         if stem in ("bands", "dos"):
             return draw_spectra(self.bands, self.dos, gaps=self.gaps)
         return draw_sweep(self.dataset, name)
@@ -340,12 +353,12 @@ def run(
     scene.require_waves()
     text, kept = scene.to_yaml(), target / WORK_FILE
     with (
-        ResultFiles(target, every, force, earlier=RESULT_FILES, inputs=scene.inputs).open() as locked,
+        ResultFiles(target, every, force, earlier=RESULT_FILES, inputs=scene.origin.inputs).open() as locked,
         # a state that is found at once keeps no parts, but those of another run are not to stand beside it
         open_store(kept, force) if scene.has_tasks or os.path.lexists(kept) else nullcontext() as store,
     ):
         with scene.place_errors():
-            work, parts = SweepRun.of(scene.case_grid, **scene.bands), list[TaskResult]()
+            work, parts = SweepRun.of(scene.case_grid), list[TaskResult]()
             try:
                 if scene.has_tasks:
                     parts = work.do(executor, progress, store)
@@ -355,7 +368,7 @@ def run(
                     result = RunResult(scene, target, work.join(parts))
                 else:
                     # what only a single state has: its samples, bands and densities of states
-                    state = work.cases[0].restore(parts) if parts else scene.state()
+                    state = work.grid.cases[0].restore(parts) if parts else scene.state()
                     with scene.origin.where_it_buckles():
                         result = _describe_alone(scene, target, work, state, parts, progress)
             except GranphonError as error:
@@ -395,6 +408,12 @@ def _describe_alone(
 
         waves = SampleWaves.of(scene.waves, state, [one.of_waves for one in records])
     result = RunResult(scene, target, dataset, analysis, waves=waves)
+    if scene.surface is not None and "surface" in scene.observe:
+        from granphon.phonons.surfaces import Surface
+
+        with progress.step("surface"):
+            surface = Surface(state, scene.surface.axis, scene.surface.edge).map(scene.surface.points)
+        result = replace(result, surface=surface)
     if not {"bands", "dos", "gaps"} & set(scene.observe):
         return result
     from granphon.phonons.phonons import Phonons
@@ -408,7 +427,7 @@ def _describe_alone(
             bands = phonons.bands(scene.path.arrays, npoints=scene.band_points, labels=scene.path.labels)
     if "dos" in scene.observe:
         with progress.step("density of states"):
-            dos = phonons.dos(mesh=scene.grid)
+            dos = phonons.dos(mesh=scene.mesh)
     if "gaps" in scene.observe:
         with progress.step("gaps"):
             gaps = phonons.gaps()
@@ -465,6 +484,10 @@ def write_numbers(result: Any, place: Path, advance: Callable[[int], None]) -> N
                 columns = [(Heading(name, unit), getattr(found, source)) for name, unit, source in _COLUMNS[stem]]
                 rows = np.transpose([values for _, values in columns]).tolist()
                 path.write_text(table_text([heading for heading, _ in columns], rows), encoding="utf-8")
+            case "surface.json":
+                path.write_text(json.dumps(result.surface.to_dict()) + "\n", encoding="utf-8")
+            case "surface.csv":
+                result.surface.write_csv(path)
             case "sample_dos.json" | "spectrum.json" | "pulse.json":
                 path.write_text(json.dumps(result.waves.results[stem].to_dict()) + "\n", encoding="utf-8")
         advance(1)
@@ -512,10 +535,10 @@ def draw_sweep(dataset: Any, name: str, variable: str | None = None) -> Any:
     """Draw the figure of a data set that the ``name`` of its file means, or that of one ``variable``."""
     stem = Path(name).stem
     if variable is None and f"{stem}.png" in SWEEP_FIGURES:
-        from granphon.figures.spectra import sweep_dos_figure, sweep_spectra_figure
+        from granphon.figures.waves import sweep_dos_figure, sweep_spectra_figure
 
         return sweep_dos_figure(dataset) if stem == "sweep_dos" else sweep_spectra_figure(dataset)
-    from granphon.figures.sweeps import sweep_figure
+    from granphon.figures.curves import sweep_figure
 
     return sweep_figure(dataset) if variable is None else sweep_figure(dataset, variable=variable)
 
@@ -525,14 +548,3 @@ def draw_spectra(bands: Any, dos: Any, asymptotes: Any = None, gaps: Any = None)
     from granphon.figures.bands import bands_figure
 
     return bands_figure(bands=bands, dos=dos, asymptotes=asymptotes, gaps=gaps)
-
-
-def draw_sample_waves(stem: str, result: Any) -> Any:
-    """Draw the figure of one of the :data:`SAMPLE_WAVES`."""
-    if stem == "pulse":
-        from granphon.figures.pulses import pulse_figure
-
-        return pulse_figure(result)
-    from granphon.figures.spectra import sample_dos_figure, spectrum_figure
-
-    return spectrum_figure(result) if stem == "spectrum" else sample_dos_figure(result)

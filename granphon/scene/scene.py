@@ -9,13 +9,10 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
-from granphon.balls.packing import Packing, describe_packing
-from granphon.balls.parameters import PARAMETERS
-from granphon.base.notebook import write_html
 from granphon.base.progress import Progress, silent
-from granphon.base.quantities import find_load_unit
+from granphon.base.results import write_html
 from granphon.base.text import parse_yaml
 from granphon.scene.file import SceneSource
 from granphon.scene.plan import Plan
@@ -40,13 +37,14 @@ class Scene(Plan):
     parameters : the swept parameters of the packing, each with its values; may be given as a mapping.
     finite_overlap : keep the terms of relative order delta/d; True if all media are simulations in their exact geometry,
         which always have them.
-    observe : which of "velocities", "bands", "gaps", "dos", "spectrum", "pulse" to compute; the last two, and the density
-        of states of the array itself, of a simulation.
+    observe : which of "velocities", "bands", "gaps", "dos", "surface", "spectrum", "pulse" to compute; the last two, and
+        the density of states of the array itself, of a simulation.
     direction : Cartesian direction of sound, a number for each period of the lattice, or a tuple of such directions; None
         for x, on which velocities do not depend where sound is isotropic.
     band, band_points : path of the bands, None for that of the lattice, and number of points on each of its segments.
     mesh : numbers of wave vectors along the reciprocal vectors for the density of states, one for each period of the
-        lattice; None for (1024,), (64, 64) or (32, 32, 32).
+        lattice; by default (1024,), (64, 64) or (32, 32, 32).
+    surface : the edge whose waves are found, if the scene observes them.
     spectrum, pulse : what spectral functions to find, and what pulse to send, if the scene observes them.
     dim : supercell of the exported force constants, a number for each period; None for the smallest that suffices.
     source : path of the file that the scene was read from; None for a scene made in Python.
@@ -80,25 +78,7 @@ class Scene(Plan):
 
     def _repr_html_(self) -> str:
         """Return a table of what the scene says, in SI units; no state is computed."""
-        from granphon.figures.words import describe_medium
-
-        load, periods = self.load, self.packing.structure.periods
-        rows: list[tuple[str, Any, str]] = [
-            *(describe_packing(self.packing) if isinstance(self.packing, Packing) else self.packing.describe()),
-            (load.kind.replace("_", " "), load.array, find_load_unit(load.kind, periods)),
-            *([("balls per side", load.balls_per_side, "")] if load.balls_per_side is not None else []),
-            *(("medium", describe_medium(one.label, periods, self.packing.structure.n_balls), "") for one in self.media),
-            *((f"sweep of {name.replace('_', ' ')}", values, PARAMETERS[name] or "") for name, values in self.parameters),
-            ("finite overlap", self.finite_overlap, ""),
-            ("observe", self.observe, ""),
-            *(("direction", one, "") for one in self.directions[:4]),
-        ]
-        if {"bands", "spectrum"} & set(self.observe):
-            path = self.path
-            rows.append(("path", " ".join(path.labels) if path.labels else str(path), ""))
-        if "dos" in self.observe:
-            rows.append(("mesh", " x ".join(map(str, self.grid)), ""))
-        return write_html("Scene", rows)
+        return write_html("Scene", self.describe())
 
     def run(
         self,

@@ -28,8 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.base.errors import InputError, InstabilityError, message
 from granphon.base.results import Result
 from granphon.base.validation import positive, whole_number
-from granphon.waves.eigenproblem import UNSTABLE
-from granphon.waves.operator import WaveOperator
+from granphon.waves.operator import UNSTABLE, WaveOperator
 from granphon.waves.settings import MOMENTS
 
 Array = NDArray[np.float64]

@@ -15,6 +15,7 @@ from granphon.balls.diameters import uniform_numbers
 from granphon.base.errors import InputError, message
 from granphon.base.results import Result
 from granphon.base.validation import finite_array, whole_number
+from granphon.observables.validity import check_network
 from granphon.waves.chebyshev import Kernel, Moments, Refinable, keeps_vectors
 from granphon.waves.operator import WaveOperator
 
@@ -95,6 +96,7 @@ class SpectralDensity(Refinable):
     moments : number of Chebyshev moments.
     vectors : number of random vectors; 0 where all modes were found.
     seed : from which they are drawn.
+    warnings : one sentence for each limit of the contact law that the network exceeds.
     """
 
     units = {
@@ -116,6 +118,7 @@ class SpectralDensity(Refinable):
     moments: int
     vectors: int
     seed: int
+    warnings: tuple[str, ...] = ()
 
     @property
     def total(self) -> Array:
@@ -143,6 +146,7 @@ class AllModes:
         squares, modes = np.linalg.eigh(operator.matrix.toarray())
         self._top, self._seed, self._balls = operator.top / (2.0 * math.pi), seed, operator.balls.size
         self._frequencies = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * math.pi)
+        self._warnings = check_network(operator.network).warnings
         self._weights = np.stack(
             [np.sum(modes[part] ** 2, axis=0) for part in (~operator.is_rotation, operator.is_rotation)]
         )
@@ -156,7 +160,17 @@ class AllModes:
         translational, rotational = kernel.densities(found / self._balls)
         nothing = np.zeros(kernel.count)
         return SpectralDensity(
-            kernel.frequencies, translational, rotational, nothing, nothing, nothing, kernel.top, moments, 0, self._seed
+            kernel.frequencies,
+            translational,
+            rotational,
+            nothing,
+            nothing,
+            nothing,
+            kernel.top,
+            moments,
+            0,
+            self._seed,
+            self._warnings,
         )._with_work(partial(self.find, vectors=0))
 
 
@@ -196,6 +210,7 @@ class RandomVectors:
         return SpectralDensity(
             kernel.frequencies, mean[0], mean[1], _error(parts.sum(axis=1)), _error(parts[:, 0]),
             _error(parts[:, 1]), kernel.top, moments, vectors, self._seed,
+            check_network(self._operator.network).warnings,
         )._with_work(partial(self.find, vectors=vectors))  # fmt: skip
 
 

@@ -1,30 +1,91 @@
 """Modes of finite networks: the lowest, or those nearest to a frequency.
 
 Small matrices are dense. Larger ones are factorised (sparse LU) at a shift, and Lanczos finds the modes nearest to it; the
-factors also say, by Sylvester's law of inertia, how many eigenvalues are below a value, so that none is missed. Where the
-factors would be too large, modes are filtered out of random vectors (:mod:`granphon.waves.filtering`).
+factors also say, by Sylvester's law of inertia, how many eigenvalues are below a value, so that none is missed.
+
+Where the factors would be too large, modes of a window of frequencies are filtered out of random vectors. With
+omega = top cos(phi/2) the polynomials T_n(2 D / top^2 - 1) are cos(n phi). The sums of them up to the order M that lie
+in a window of phi, of the width 2 H, as much as the order allows are those with Slepian's sequences as coefficients (Bell
+Syst. Tech. J. 57, 1371 (1978)): 2 M H / pi filters. All of them, applied to a few random vectors in one recursion, span the
+modes of the window if they are well more than these: filter diagonalisation (Wall and Neuhauser, J. Chem. Phys. 102, 8011
+(1995)). The window that holds a number of modes follows from the density of states, by the kernel polynomial method.
+
+A random vector has a part of every mode. So after the modes are found, fresh ones are filtered, and freed of these modes:
+the squares of what is left count the modes in the window that are missing.
 """
 
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import dataclass, field
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.sparse_matrices import factorise
-from granphon.base.errors import InputError, InstabilityError, message
+from granphon.base.errors import ConvergenceError, InputError, InstabilityError, message
 from granphon.base.results import Result
+from granphon.base.text import counted
 from granphon.base.validation import not_negative, whole_number
 from granphon.dynamics.damping import ContactDamping, DampedModes, damp_evenly, damp_unevenly
 from granphon.networks.network import ContactNetwork
-from granphon.waves.eigenproblem import DENSE, RESIDUAL, UNSTABLE, ZERO, Eigenpairs, Problem, find_limit, make_too_few
-from granphon.waves.filtering import find_filtered
-from granphon.waves.operator import WaveOperator
+from granphon.observables.validity import check_network
+from granphon.waves.chebyshev import Kernel, Moments, polynomials
+from granphon.waves.operator import UNSTABLE, WaveOperator
 
 Array = NDArray[np.float64]
+#: most motions of a network all of whose modes are found at once, by a dense matrix
+DENSE = 600
+#: frequency over the top frequency, at or below which a mode counts as one that costs no energy
+ZERO = 1e-6
+#: largest |D x - omega^2 x| / top^2 of a mode x of norm one; the error of omega^2 is its square over the distance of others
+RESIDUAL = 1e-8
+#: random vectors of the density of states from which the window follows
+_VECTORS = 4
+#: its Chebyshev moments
+_MOMENTS = 512
+#: half width of a line in it, over the standard deviation of the kernel
+_RESOLVED = 4.0
+#: numbers of filters of a window that are tried; many pay where nearly all of a window is empty
+_FILTERS = (32, 48, 64, 96, 128, 192, 256, 384)
+#: numbers of random vectors to begin with that are tried, until memory suffices: as many modes of one frequency are found
+_STARTS = (12, 8, 6, 4)
+#: filtered vectors, over the modes in the window
+_MORE = 2.3
+#: part of a window next to its ends where modes are not found: this number over that of the filters
+_EDGE = 6.4
+#: part of a window that is to be without a missing mode before a wider one is taken
+_CORE = 0.8
+#: half width of the next window that is tried, but for its ends, over that of one in which too few modes are
+_WIDER = 1.1
+#: modes that the middle of a window holds by the density of states, over those that are wanted
+_SPARE_MODES = 2
+#: fewest fresh random vectors
+_FRESH = 4
+#: random vectors so far, over fresh ones
+_GROWTH = 3
+#: mean square of the rest of fresh vectors below which no mode is missing;
+#: a missing one adds 1, and less than this with four vectors once in a thousand times
+_LEFT = 0.02
+#: more modes than these that cost no energy are left out from the beginning, and not counted
+_ZEROS = 48
+#: then, lowest frequency that is searched for missing modes, over the highest that is wanted
+_SOFT = 0.03
+#: most bytes of all vectors
+_BYTES = 2**32
+#: copies of the vectors that are held at a time
+_COPIES = 3
+#: most products of D with a vector
+_PRODUCTS = 2_000_000
+#: rows of filtered vectors that are worked on at a time
+_ROWS = 2**9
+#: polynomials that are kept for it
+_KEPT = 32
+#: vectors that are worked on at a time
+_COLUMNS = 32
 #: most motions of a matrix that is dense because many modes are wanted, or many cost no energy: 2 GB
 _LARGEST = 10_000
 #: most motions of a matrix that is factorised, for balls on a line, in a plane, in space: the factors take 1 GB at most
@@ -33,12 +94,357 @@ LARGEST_FACTORS = {1: 1_000_000, 2: 300_000, 3: 12_000}
 _SHARE = 3
 #: shift of the factors for the lowest modes, over top^2
 _SHIFT = 1e-6
-#: products with D that tell whether a network too large to be factorised is stable: eigenvalues are seen to 1e-5 of the top
-_KRYLOV = 400
+#: products with D that tell whether a network too large to be factorised is stable, and how well they tell an eigenvalue,
+#: over top^2. D is lower than the whole by a tenth of that, where overlaps are a fiftieth of the diameter
+_KRYLOV, _SEEN = 400, 1e-5
+#: frequency over the top, up to which a mode that grows counts as one at rest: forces of programs balance to 1e-6 or so
+_BALANCED = 1e-5
 #: part of the largest entry of a column from which a pivot of a damped matrix is taken on the diagonal
 PIVOT = 0.1
 #: more vectors than are asked for
 _SPARE = 8
+
+
+class Eigenpairs(NamedTuple):
+    """Angular frequencies ``omega`` (m,), rad/s, ascending; ``vectors`` (size, m) of norm one; largest ``residual``/top^2.
+
+    ``zeros`` is the number of modes of the network that cost no energy; None if they were not counted.
+    """
+
+    omega: Array
+    vectors: Array
+    residual: float
+    zeros: int | None
+
+
+class Problem:
+    """D on the motions ``live`` that some spring holds."""
+
+    def __init__(self, operator: WaveOperator, live: NDArray[np.intp]) -> None:
+        self.operator, self.live, self.top = operator, live, operator.top
+        self.loose = operator.size - live.size
+
+    def shifted(self, value: float) -> Any:
+        """Return D - ``value``, sparse."""
+        from scipy.sparse import eye_array
+
+        held = self.operator.matrix[self.live][:, self.live] if self.loose else self.operator.matrix
+        return (held - value * eye_array(self.live.size)).tocsc()
+
+    def factors(self, value: float) -> Any:
+        """Return the LU factors of D - ``value``, pivots on the diagonal."""
+        for nudge in (0.0, 1e-9, -1e-7):
+            try:
+                return factorise(self.shifted(value + nudge * self.top**2))
+            except RuntimeError:  # exactly singular: the value is an eigenvalue
+                continue
+        raise ConvergenceError(message("the matrix of the network cannot be factorised"))
+
+    def count_below(self, value: float) -> int:
+        """Return the number of eigenvalues below ``value``: that of the pivots below zero (Sylvester's law of inertia)."""
+        factors = self.factors(value)
+        if not np.array_equal(factors.perm_r, factors.perm_c):
+            raise ConvergenceError(message("the factors of the matrix have pivots off the diagonal", "No modes are counted"))
+        return int(np.sum(factors.U.diagonal() < 0.0))
+
+    def refine(self, vectors: Array) -> tuple[Array, Array, Array]:
+        """Return the frequencies, modes and residuals over top^2 within the space of ``vectors`` (live, m).
+
+        Without static forces they are singular values and vectors of A, so that low frequencies lose no digits.
+        """
+        operator = self.operator
+        whole = np.zeros((operator.size, vectors.shape[1]))
+        whole[self.live] = np.linalg.qr(vectors)[0]
+        pressed = operator.matrix @ whole
+        if operator.network.prestress:
+            squares, turned = np.linalg.eigh(whole.T @ pressed)
+            if squares[0] < -find_limit(operator):
+                raise InstabilityError(UNSTABLE)
+            omega = np.sqrt(np.maximum(squares, 0.0))
+        else:
+            # the squares of R are those of A, whose rows are many more
+            triangle = np.asarray(np.linalg.qr(operator.root @ whole, mode="r"))
+            try:
+                _, sizes, rows = np.linalg.svd(triangle)
+            except np.linalg.LinAlgError:
+                # LAPACK's fast method fails on some matrices with hundreds of singular values near zero; this does not
+                from scipy.linalg import svd
+
+                _, sizes, rows = svd(triangle, lapack_driver="gesvd")
+            omega = np.zeros(len(rows))
+            omega[: sizes.size] = sizes
+            order = np.argsort(omega, kind="stable")
+            omega, turned = omega[order], rows.T[:, order]
+        whole, pressed = whole @ turned, pressed @ turned
+        residual = np.linalg.norm(pressed - omega**2 * whole, axis=0) / self.top**2
+        return omega, whole, residual
+
+    def choose(self, omega: Array, count: int, target: float) -> NDArray[np.intp]:
+        """Return the places of the ``count`` frequencies nearest to ``target`` that cost energy, ascending."""
+        cost = np.flatnonzero(omega > ZERO * self.top)
+        return np.sort(cost[np.argsort(np.abs(omega[cost] - target), kind="stable")[:count]])
+
+
+def find_limit(operator: WaveOperator) -> float:
+    """Return how far below zero a squared frequency of a stable network may be, (rad/s)^2.
+
+    Static tangential forces set no limit: D, which lacks a part of them, lowers frequencies of zero.
+    """
+    return (ZERO * operator.top) ** 2 if operator.whole is None else math.inf
+
+
+def make_too_few(there: int, count: int) -> InputError:
+    """Return the error of ``count`` modes that are asked for where fewer are ``there``."""
+    asked, among = counted(count, "mode is", "modes are"), f"only {there}" if there else "none"
+    return InputError(message(f"{asked} asked for, and {among} cost energy", mend="Ask for fewer"))
+
+
+@dataclass(frozen=True)
+class _Window:
+    """The window |phi - centre| < half of modes; ``centre`` is 0 or pi for one at an end of the spectrum."""
+
+    centre: float
+    half: float
+    filters: int
+
+    @property
+    def at_end(self) -> bool:
+        return self.centre in (0.0, math.pi)
+
+    @property
+    def order(self) -> int:
+        """M, the products of D with a vector that the filters take."""
+        return math.ceil(math.pi * self.filters / (2.0 * self.half)) * (2 if self.at_end else 1)
+
+    @cached_property
+    def coefficients(self) -> Array:
+        """(filters, M + 1) of the polynomials, for each filter; those within the window come first."""
+        from scipy.signal.windows import dpss
+
+        # functions of phi are even: at an end, only the even half of the sequences makes filters
+        every = 2 if self.at_end else 1
+        count = every * self.filters
+        sequences = dpss(2 * self.order + 1, count / 2, count)[::every, self.order :]
+        n = np.arange(self.order + 1)
+        even = np.arange(0, count, every) % 2 == 0
+        sequences *= np.where(even[:, None], np.cos(n * self.centre), np.sin(n * self.centre))
+        sequences[:, 1:] *= 2.0
+        return np.asarray(sequences)
+
+    def weights(self, phi: Array) -> Array:
+        """Return (filters, n) the sums of the squares of the first filters, at ``phi`` (n,)."""
+        found = np.empty((self.filters, phi.size))
+        for place, one in enumerate(phi.tolist()):
+            found[:, place] = self.coefficients @ np.cos(one * np.arange(self.order + 1))
+        return np.asarray(np.cumsum(found**2, axis=0))
+
+    def part(self, share: float) -> tuple[float, float]:
+        """Return the ends in phi of the middle part of the window, a ``share`` of it."""
+        return max(self.centre - share * self.half, 0.0), min(self.centre + share * self.half, math.pi)
+
+    def apply(self, operator: WaveOperator, starts: Array) -> Array:
+        """Return (size, filters x m) all filters of the vectors ``starts`` (size, m)."""
+        size, m = starts.shape
+        found = np.zeros((size, self.filters, m))
+        vectors, kept = polynomials(operator, starts), np.empty((_KEPT, size, m))
+        for first in range(0, self.order + 1, _KEPT):
+            factors = self.coefficients[:, first : first + _KEPT]
+            count = factors.shape[1]
+            for place in range(count):
+                kept[place] = next(vectors)
+            for row in range(0, size, _ROWS):
+                some = kept[:count, row : row + _ROWS]
+                summed = factors @ some.reshape(count, -1)
+                found[row : row + _ROWS] += summed.reshape(self.filters, -1, m).swapaxes(0, 1)
+        return found.reshape(size, -1)
+
+
+class _Density:
+    """Number of modes in windows of phi, by the kernel polynomial method, for the motions that some spring holds."""
+
+    def __init__(self, problem: Problem, random: np.random.Generator) -> None:
+        operator = problem.operator
+        signs = np.zeros((_VECTORS, operator.size))
+        signs[:, problem.live] = random.choice([-1.0, 1.0], (_VECTORS, problem.live.size))
+        found = [Moments(operator, one.copy, keep=False).first(_MOMENTS) for one in signs]
+        self._moments = Kernel(operator.top, _MOMENTS).weights * np.mean(found, axis=0)
+
+    @property
+    def zeros(self) -> float:
+        """Number of modes that cost no energy, or next to none."""
+        return 0.5 * self.within(math.pi, _RESOLVED * math.pi / _MOMENTS)
+
+    def without_zeros(self) -> _Density:
+        """Return the density without the modes that cost no energy: those at phi = pi, as far as the moments tell."""
+        found, sign = copy(self), (-1.0) ** np.arange(_MOMENTS)
+        found._moments = self._moments - self.zeros * sign * Kernel(1.0, _MOMENTS).weights
+        return found
+
+    def within(self, centre: float, half: float) -> float:
+        """Return the number of modes at |phi - centre| < half; both those at phi and at -phi, or 2 pi - phi, count."""
+        n = np.arange(1, _MOMENTS)
+        waves = 2.0 * np.sin(n * half) * np.cos(n * centre) / n
+        return float(2.0 * half * self._moments[0] + 2.0 * self._moments[1:] @ waves) / math.pi
+
+    def reach(self, centre: float, count: float) -> float:
+        """Return the half width about ``centre`` within which there are ``count`` modes; pi if all are fewer."""
+        from scipy.optimize import brentq
+
+        if self.within(centre, math.pi) <= count:
+            return math.pi
+        return float(brentq(lambda half: self.within(centre, half) - count, 0.0, math.pi, xtol=1e-9))
+
+    def choose(self, target: float, wanted: int, starts: int, least: float) -> tuple[_Window, int]:
+        """Return the window for the ``wanted`` modes nearest to phi = ``target``, and how many random vectors it takes.
+
+        Its part without the ends holds :data:`_SPARE_MODES` times these modes, and has the half width ``least``. Of such
+        windows it is the one that takes the fewest filtered vectors, with ``starts`` random vectors or so.
+        """
+        near = max(self.reach(target, _SPARE_MODES * wanted), least)
+        found = []
+        for filters in _FILTERS:
+            vectors = max(_STARTS[-1], starts * _FILTERS[0] // filters)
+            wide = near / (1.0 - _EDGE / filters)
+            centre, half = target, max(self.reach(target, vectors * filters / _MORE), wide)
+            count = self.within(centre, half)
+            for end in (math.pi, 0.0):
+                across = abs(end - target)
+                if across < half:  # from the end of the spectrum on, through the target: both images count
+                    count = 0.5 * self.within(end, across) + max(_SPARE_MODES * wanted, vectors * filters / _MORE)
+                    centre, half = end, max(self.reach(end, 2.0 * count), across + wide)
+                    count = 0.5 * self.within(end, half)
+            vectors = max(vectors, math.ceil(_MORE * count / filters))
+            found.append((filters * vectors, _Window(centre, min(half, math.pi), filters), vectors))
+        return min(found, key=lambda one: one[0])[1:]
+
+
+class _Found(NamedTuple):
+    """Modes that are found: ``omega`` (m,) ascending, rad/s, ``vectors`` (size, m), ``residuals`` (m,) over top^2."""
+
+    omega: Array
+    vectors: Array
+    residuals: Array
+
+
+def find_filtered(problem: Problem, count: int, target: float) -> Eigenpairs | None:
+    """Return the ``count`` modes nearest to ``target``, rad/s; None if that takes more vectors than there are modes.
+
+    Raises :class:`~granphon.base.errors.InputError` beforehand if it takes too much memory or too many products with D, and
+    :class:`~granphon.base.errors.ConvergenceError` if it turns out so.
+    """
+    from scipy.linalg import qr
+
+    random, top, size = np.random.default_rng(0), problem.top, problem.operator.size
+    density, least = _Density(problem, random), 0.0
+    error: type[InputError | ConvergenceError] = InputError
+    # each random vector finds one mode of those without energy: many are left out from the beginning
+    power = 0
+    if target <= ZERO * top and density.zeros > _ZEROS:
+        density, power = density.without_zeros(), 4 if problem.operator.network.prestress else 2
+
+    def count_bytes(window: _Window, starts: int) -> int:
+        return 8 * _COPIES * size * window.filters * (starts + _fresh(starts))
+
+    while True:
+        for most in _STARTS:  # fewer random vectors where memory is short
+            window, starts = density.choose(_phi(top, target), count, most, least)
+            if count_bytes(window, starts) <= _BYTES:
+                break
+        basis, found, vectors = np.zeros((size, 0)), None, starts
+        while True:
+            if window.filters * (starts + _fresh(starts)) > problem.live.size:
+                return None
+            products, needed = window.order * (starts + _fresh(starts)), count_bytes(window, starts)
+            if needed > _BYTES or products > _PRODUCTS:
+                what = (
+                    f"{count} modes of {problem.live.size} motions take {needed / 1e9:.2g} GB, and {products:.2g} products"
+                )
+                why = "In a large network modes of one frequency range lie close together"
+                mend = "Ask for fewer modes, or take a smaller network, or its density of states"
+                raise error(message(f"{what} products of D with a vector", why, mend))
+            error = ConvergenceError
+            fresh = window.apply(problem.operator, _draw(problem, random, vectors, power))
+            if found is not None:
+                # fresh vectors, freed of the modes that are known, show whether one is missing
+                chosen = problem.choose(found.omega, count, target)
+                reach = np.max(np.abs(found.omega[chosen] - target), initial=0.0)
+                ends = _phi(top, target + reach), _phi(top, max(target - reach, _SOFT * reach if power else 0.0))
+                inner = window.part(1.0 - _EDGE / window.filters)
+                enough = chosen.size == count and inner[0] <= ends[0] and ends[1] <= inner[1]
+                if _missing(window, fresh, found.vectors, ends if enough else window.part(_CORE), power) < _LEFT:
+                    break
+                starts += vectors
+            # filters that reach out of the window a little add what is missing at 1e-8: no direction is left out
+            both, first = np.empty((size, basis.shape[1] + fresh.shape[1]), order="F"), basis.shape[1]
+            both[:, :first], both[:, first:] = basis, fresh
+            basis = np.asarray(qr(both, overwrite_a=True, mode="economic", check_finite=False)[0])
+            found, vectors = _solve(problem, window, basis), _fresh(starts)
+        zeros = int(np.sum(found.omega <= ZERO * top))
+        if enough:
+            found = _Found(*problem.refine(found.vectors[problem.live][:, chosen]))
+            counted = None if power or target > ZERO * top else problem.loose + zeros
+            return Eigenpairs(found.omega, found.vectors, float(found.residuals.max()), counted)
+        least = _WIDER * window.half
+
+
+def _phi(top: float, omega: float) -> float:
+    return 2.0 * math.acos(min(max(omega / top, 0.0), 1.0))
+
+
+def _fresh(starts: int) -> int:
+    """Return the number of random vectors that come after ``starts`` of them."""
+    return max(_FRESH, starts // _GROWTH)
+
+
+def _draw(problem: Problem, random: np.random.Generator, count: int, power: int) -> Array:
+    """Return ``count`` random vectors, (size, count), in which the square of a mode has the mean (omega / top)^``power``.
+
+    They are x, A^T y or D x, of powers 0, 2 and 4; the latter two are without the modes that cost no energy.
+    """
+    operator = problem.operator
+    if power == 2:
+        rows = random.normal(size=(operator.root.shape[0], count))
+        return np.asarray(operator.root.T @ rows) / problem.top
+    found = np.zeros((operator.size, count))
+    found[problem.live] = random.normal(size=(problem.live.size, count))
+    return np.asarray(operator.matrix @ found) / problem.top**2 if power else found
+
+
+def _solve(problem: Problem, window: _Window, basis: Array) -> _Found:
+    """Return the modes of the window in the space of ``basis``: Ritz vectors whose residuals are small."""
+    matrix, top = problem.operator.matrix, problem.top
+    parts = range(0, basis.shape[1], _COLUMNS)
+    pressed = np.hstack([basis.T @ (matrix @ basis[:, at : at + _COLUMNS]) for at in parts])
+    squares, turned = np.linalg.eigh(0.5 * (pressed + pressed.T))
+    if squares[0] < -find_limit(problem.operator):
+        raise InstabilityError(UNSTABLE)
+    low, high = window.part(1.0)
+    omega = np.sqrt(np.maximum(squares, 0.0))
+    inside = (omega <= top * math.cos(low / 2.0)) & (omega >= top * (math.cos(high / 2.0) - ZERO))
+    omega, turned = omega[inside], turned[:, inside]
+    vectors, residuals = [basis[:, :0]], [omega[:0]]
+    for at in range(0, omega.size, _COLUMNS):
+        some = basis @ turned[:, at : at + _COLUMNS]
+        left = np.linalg.norm(matrix @ some - omega[at : at + _COLUMNS] ** 2 * some, axis=0) / top**2
+        vectors.append(some[:, left <= RESIDUAL])
+        residuals.append(left)
+    every = np.concatenate(residuals)
+    return _Found(omega[every <= RESIDUAL], np.hstack(vectors), every[every <= RESIDUAL])
+
+
+def _missing(window: _Window, fresh: Array, known: Array, ends: tuple[float, float], power: int) -> float:
+    """Return an estimate of how many modes between the ``ends`` in phi are not ``known``: below it only with bad luck.
+
+    ``fresh`` are filtered random vectors, of which the known modes have not been made. A mode has that share of their
+    squares which the squares of the filters are at its frequency, times (omega / top)^``power``. Modes outside of the ends
+    add to it.
+    """
+    phi = np.linspace(*ends, 33)
+    weights = np.min(window.weights(phi) * np.cos(0.5 * phi) ** power, axis=1)
+    first = int(np.argmax(weights >= 0.5 * weights[-1])) + 1
+    some = fresh.reshape(len(fresh), window.filters, -1)[:, :first]
+    vectors, some = some.shape[2], some.reshape(len(fresh), -1)
+    return float(np.sum((some - known @ (known.T @ some)) ** 2) / (vectors * weights[first - 1]))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -63,6 +469,7 @@ class NetworkModes(Result):
 
     units = {"frequencies": "Hz"}
     _shapes = {"frequencies": "m", "vectors": "m n c"}
+    _notebook_fields = ("warnings",)
 
     frequencies: Array
     vectors: Array
@@ -71,6 +478,11 @@ class NetworkModes(Result):
     zero_modes: int | None
     residual: float
     network: ContactNetwork = field(repr=False)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """One sentence for each limit of the contact law that the network exceeds."""
+        return check_network(self.network).warnings
 
     @property
     def _energies(self) -> Array:
@@ -184,13 +596,24 @@ def _follow_damped(stiffness: Any, viscous: Any, wanted: int, target: float) -> 
 def require_stable(operator: WaveOperator) -> None:
     """Raise :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
 
-    Only static forces make one. Of networks too large to be factorised the lowest Ritz value of a Krylov space decides.
+    Only static forces make one. Where static tangential forces act, and D has a square below zero, the lowest eigenvalue of
+    the whole that is not symmetric decides: its real part is not below the lowest of D. Of networks too large to be
+    factorised the lowest Ritz value of a Krylov space of D decides.
     """
     if not operator.network.prestress:
         return
-    limit = find_limit(operator)
+    whole, least = operator.whole, -((ZERO * operator.top) ** 2)
     if operator.size <= LARGEST_FACTORS[operator.network.dimension]:
-        stable = Problem(operator, np.arange(operator.size)).count_below(-limit) == 0
+        problem, low = Problem(operator, np.arange(operator.size)), least
+        stable = problem.count_below(low) == 0
+        if whole is not None and not stable:
+            from scipy.sparse.linalg import eigs
+
+            while problem.count_below(low):
+                low *= 100.0
+            start = np.random.default_rng(0).normal(size=operator.size)
+            (lowest,) = eigs(whole.tocsc(), k=1, sigma=low, v0=start, tol=1e-8, return_eigenvectors=False)
+            stable = float(lowest.real) >= -((_BALANCED * operator.top) ** 2)
     else:  # Lanczos: the Krylov space of a random vector, whose lowest Ritz value is above the lowest eigenvalue
         from scipy.linalg import eigvalsh_tridiagonal
 
@@ -205,7 +628,7 @@ def require_stable(operator: WaveOperator) -> None:
             beside.append(across)
             before, x = x, y / across
         values = eigvalsh_tridiagonal(np.array(diagonal), np.array(beside[:-1]), select="i", select_range=(0, 0))
-        stable = float(values[0]) >= -limit
+        stable = float(values[0]) >= (least if whole is None else -_SEEN * operator.top**2)
     if not stable:
         raise InstabilityError(UNSTABLE)
 

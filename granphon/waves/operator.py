@@ -9,10 +9,9 @@ are squared angular frequencies, (rad/s)^2, and singular values of A are angular
 that moves, its mass-weighted motions: M^1/2 u and M^1/2 w, w = (I/M)^1/2 phi.
 
 Static tangential forces T add G (:func:`granphon.dynamics.rows.carry_rows`), which has no potential, as the law of discrete
-elements has none. D has its symmetric part. What is left out changes an eigenvalue by a term of second order in T/(k r),
-:attr:`WaveOperator.slack`.
+elements has none. D has its symmetric part. What is left out changes an eigenvalue by a term of second order in T/(k r).
 It is seen where an eigenvalue is zero: a ball with two contacts in space turns freely about the line through them, along
-which its forces are, and D makes a little less than zero of that.
+which its forces are, and D makes a little less than zero of that. So :attr:`WaveOperator.whole` tells whether it is stable.
 
 D of a large array of equal masses is applied without a matrix (:class:`ArrayOperator`, with
 :mod:`granphon.array.contact_operator`). Several vectors at once are left to the sparse matrix, which is read once for all of
@@ -22,6 +21,7 @@ them, and is then faster.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -44,6 +44,12 @@ Array = NDArray[np.float64]
 _MARGIN = 1.01
 #: relative difference of numbers that are equal but for rounding
 _ALIKE = 1e-12
+#: message of a network that static forces make unstable
+UNSTABLE = message(
+    "the network is not stable: a squared frequency is below zero",
+    "Its static forces exceed what its springs hold, so that it would buckle",
+    "Bring it to rest first, give its tangential_force if it has friction, or leave the static forces out (prestress=False)",
+)
 #: number of balls below which a sparse matrix is faster
 _LEAST_BALLS = 2500
 
@@ -97,11 +103,14 @@ class WaveOperator(LinearOperator[np.float64]):
 
     # -- matrices -------------------------------------------------------------------------------------------------------
 
-    def _make_matrix(self, rows: list[Row], root: list[Array]) -> csr_array[Any]:
-        """Return the rows, each times its ``root`` (n_c,), over the root of the masses: (kinds x n_c, size)."""
+    def _make_matrix(self, rows: list[Row], root: Sequence[Any], phase: Any = 1.0) -> csr_array[Any]:
+        """Return the rows, each times its ``root`` (n_c,), over the root of the masses: (kinds x n_c, size).
+
+        Balls j of contacts move with the ``phase`` (n_c,).
+        """
         network, count, parts = self.network, self.network.n_contacts, []
         for kind, (row, weight) in enumerate(zip(rows, root, strict=True)):
-            for ball, coefficients, sign in ((network.j, row.head, 1.0), (network.i, row.tail, -1.0)):
+            for ball, coefficients, sign in ((network.j, row.head, phase), (network.i, row.tail, -1.0)):
                 line = np.flatnonzero(network.moving[ball])
                 scale = (sign * weight / np.sqrt(network.masses[ball]))[line, None]
                 parts.append(((kind * count + line)[:, None], self._places[ball[line]], scale * coefficients[line]))
@@ -179,6 +188,26 @@ class WaveOperator(LinearOperator[np.float64]):
         """Return weights (2, n_c) of elongation, and of other deformations, as those of the rows."""
         return np.concatenate([weights[int(row.kind != "elongation")] for row in self.rows])
 
+    def compose(self, rows: list[Row]) -> csr_array[Any]:
+        """Return C M^-1/2, (kinds x n_c, size): deformations from mass-weighted motions."""
+        return self._make_matrix(rows, [1.0] * len(rows))
+
+    def matrix_of_wave(self, phase: NDArray[Any], elongation: complex = 1.0, other: complex = 1.0) -> csr_array[Any]:
+        """Return D of waves along the periods, across whose boundaries balls j of contacts move with the ``phase`` (n_c,).
+
+        Contacts are as many times as stiff, in elongation and in all other deformations; complex where energy is lost.
+        """
+        network, count = self.network, self.network.n_contacts
+        stiff = [row.stiffness * (elongation if row.kind == "elongation" else other) for row in self.rows]
+        rows = self.rows
+        if network.prestress:
+            across = push_rows(network.normal[:, : network.dimension], self.motions)
+            rows, stiff = rows + across, stiff + [-network.normal_force / network.distance] * len(across)
+        one = self._make_matrix(rows, [1.0] * len(rows), phase)
+        weights = np.concatenate([np.broadcast_to(each, count) for each in stiff])
+        found: csr_array[Any] = (one.conj().T.tocsr() @ one.multiply(weights[:, None]).tocsr()).tocsr()
+        return found
+
     @cached_property
     def _pushed(self) -> tuple[list[Row], list[Array]] | None:
         """Displacements across contacts, and (f/r)^1/2, which multiply each other; None without prestress."""
@@ -210,15 +239,9 @@ class WaveOperator(LinearOperator[np.float64]):
         return found
 
     @cached_property
-    def slack(self) -> float:
-        """Squared frequency, (rad/s)^2, by which one of zero may be lowered as D leaves out a part N of G.
-
-        It is 4 N^2 / top^2, where N is the largest sum of a row. That is no bound: it takes the motions into which N turns
-        one of zero frequency to have a quarter of the squared frequency of the top, as in nearly all arrays that were tried.
-        """
-        if self._carried is None:
-            return 0.0
-        return (float(np.max(abs(self._carried - self._carried.T).sum(axis=1))) / self.top) ** 2
+    def whole(self) -> csr_array[Any] | None:
+        """D with the part of G that is not symmetric, (size, size), (rad/s)^2; None if no static tangential forces act."""
+        return None if self._carried is None else (self.matrix + 0.5 * (self._carried - self._carried.T)).tocsr()
 
     @cached_property
     def _blocks(self) -> Array:

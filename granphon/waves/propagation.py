@@ -32,8 +32,7 @@ from scipy.special import jv
 
 from granphon.base.errors import InstabilityError
 from granphon.waves.chebyshev import polynomials
-from granphon.waves.eigenproblem import UNSTABLE
-from granphon.waves.operator import WaveOperator
+from granphon.waves.operator import UNSTABLE, WaveOperator
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

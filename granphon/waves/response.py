@@ -38,8 +38,7 @@ from granphon.dynamics.damping import ContactDamping
 from granphon.networks.network import ContactNetwork
 from granphon.waves.modes import LARGEST_FACTORS, PIVOT
 from granphon.waves.operator import WaveOperator
-from granphon.waves.planes import Course
-from granphon.waves.pulse_source import read_balls, read_push, read_vector
+from granphon.waves.pulses import Course, read_balls, read_push, read_vector
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -1,4 +1,4 @@
-"""Settings of the waves in a simulated array: the blocks ``spectrum`` and ``pulse`` of a scene."""
+"""Settings of waves: the blocks ``spectrum`` and ``pulse`` of a scene, of a simulated array, and ``surface``, of an edge."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar
 
+from granphon.balls.layers import EDGES, read_axis
 from granphon.base.errors import Refused
 from granphon.base.quantities import FREQUENCY, LENGTH, TIME, Quantity
 from granphon.base.text import show
@@ -82,6 +83,24 @@ class PulseSettings(_Block):
 
 
 @dataclass(frozen=True)
+class SurfaceSettings(_Block):
+    """Waves of an edge, along the path of its own zone; see :class:`granphon.Surface`.
+
+    Attributes
+    ----------
+    axis : across the edge: the number of a vector of the cell, or integer Miller indices.
+    edge : "free", "clamped" or "floor".
+    points : wave vectors between two corners of the path, both counted.
+    """
+
+    _name = "surface"
+
+    axis: Any
+    edge: str = "free"
+    points: int = 31
+
+
+@dataclass(frozen=True)
 class WaveSettings:
     """What is asked of the waves in each sample of a simulation; plain data.
 
@@ -108,7 +127,7 @@ class WaveSettings:
 
 
 def wave_rules(block: str, read: bool = True) -> dict[str, Rule]:
-    """Return the rules of the ``block`` "spectrum" or "pulse": of a file (``read``), or of numbers in SI units."""
+    """Return the rules of a ``block``, "spectrum", "pulse" or "surface": of a file (``read``), or of numbers in SI."""
 
     def quantity(name: str) -> Rule:
         kind = _QUANTITIES[name]
@@ -116,6 +135,8 @@ def wave_rules(block: str, read: bool = True) -> dict[str, Rule]:
             return _read_damping if read else partial(zero_or_above, unit=kind.unit)
         return kind.read if read else partial(above_zero, unit=kind.unit)
 
+    if block == "surface":
+        return {"axis": read_axis, "edge": partial(choice, options=EDGES), "points": partial(whole, low=2, high=10_000)}
     if block == "spectrum":
         return {
             "polarisation": _read_polarisations, "resolution": quantity("resolution"),
@@ -143,5 +164,5 @@ def _read_polarisations(value: Any) -> tuple[str, ...]:
 
 
 def write_setting(name: str, value: Any) -> Any:
-    """Return a value of one of the two blocks as a scene file holds it, in SI units."""
+    """Return a value of one of the blocks as a scene file holds it, in SI units."""
     return _QUANTITIES[name].write(value) if name in _QUANTITIES and value else value

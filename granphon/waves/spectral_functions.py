@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.errors import InputError, message
 from granphon.base.validation import finite_list, positive
+from granphon.observables.validity import check_network
 from granphon.waves.chebyshev import Kernel, Moments, Refinable, keeps_vectors
 from granphon.waves.operator import WaveOperator
 from granphon.waves.plane_waves import find_polarisations, fold_wavevectors, make_plane_wave, read_wavevectors
@@ -121,6 +122,7 @@ class SpectralFunction(Refinable):
         differ from q by reciprocal vectors G with exp(i G . t) = 1 for the steps t between all balls of a cell. With one
         ball in a cell these are all G, and the shortest lie in the first zone. None where the network has no lattice, and
         where the sites of the lattice are no multiples of a 24th, or of a larger part, of its vectors.
+    warnings : one sentence for each limit of the contact law that the network exceeds.
     """
 
     units = {"q": "1/m", "shortest": "1/m", "frequencies": "Hz", "values": "1/Hz", "top": "Hz"}
@@ -134,6 +136,7 @@ class SpectralFunction(Refinable):
     top: float
     moments: int
     shortest: Array | None = None
+    warnings: tuple[str, ...] = ()
 
     @property
     def integral(self) -> Array:
@@ -288,4 +291,5 @@ class PlaneWaves:
         return SpectralFunction(
             self._q, self._polarisation, self._direction, kernel.frequencies, kernel.densities(found / found[:, :1]),
             kernel.top, moments, fold_wavevectors(self._operator.network, self._q),
+            check_network(self._operator.network).warnings,
         )._with_work(self.find)  # fmt: skip

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cached_property, wraps
 from inspect import signature
 from typing import Any, Concatenate, ParamSpec
@@ -19,12 +20,10 @@ from granphon.networks.network import ContactNetwork, given_network
 from granphon.observables.validity import check_network
 from granphon.waves.chebyshev import Kernel
 from granphon.waves.dos import MOST_MOMENTS, AllModes, LocalDensity, RandomVectors, SpectralDensity, find_local_density
-from granphon.waves.eigenproblem import DENSE
-from granphon.waves.modes import NetworkModes, find_damped, find_modes, require_stable
+from granphon.waves.modes import DENSE, NetworkModes, find_damped, find_modes, require_stable
 from granphon.waves.operator import WaveOperator, make_operator
 from granphon.waves.plane_waves import nearest_wavevectors
-from granphon.waves.pulse_source import PulseSource, transmit
-from granphon.waves.pulses import Pulse
+from granphon.waves.pulses import Pulse, PulseSource, transmit
 from granphon.waves.response import Response, find_response
 from granphon.waves.spectral_functions import PlaneWaves, SpectralFunction
 
@@ -82,7 +81,10 @@ class Waves:
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """One sentence for each limit of the contact law that the network exceeds, in the words of :func:`gp.validity`."""
+        """One sentence for each limit of the contact law that the network exceeds, in the words of :func:`gp.validity`.
+
+        Every result has them too.
+        """
         return check_network(self.network).warnings
 
     @cached_property
@@ -300,4 +302,5 @@ class Waves:
 
         Where the pulse has no time of flight, it is nan, and the warnings of the result say why.
         """
-        return transmit(self.network, wanted, self._stable_operator if wanted.ends == "periodic" else None)
+        found = transmit(self.network, wanted, self._stable_operator if wanted.ends == "periodic" else None)
+        return replace(found, warnings=(*self.warnings, *found.warnings))

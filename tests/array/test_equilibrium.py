@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-import pickle
 import platform
 import subprocess
 import sys
@@ -457,17 +456,6 @@ def test_loads_next_to_nothing(seed):
     assert state.residual <= 1e-10
     assert residual(state) <= 1.1e-10
     assert 0.3 < state.overlap + 0.5 < 0.38
-
-
-def test_state_is_plain_data_that_pickles():
-    state = at_rest((8, 8), 1, 0.5)
-    again = pickle.loads(pickle.dumps(state))
-    assert again == state
-    assert Equilibrium.from_dict(state.to_dict()) == state
-    assert not state.balls.flags.writeable
-    assert not state.deviations.flags.writeable
-    assert again.stiffness == state.stiffness
-    assert repr(state).startswith("Equilibrium(deviations=[array 8 x 8, -0.")
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="the memory of other C libraries is kept in other ways")

@@ -317,7 +317,7 @@ def follow_boundary(paths, turns, steps):
 @pytest.mark.claim("friction-energy")
 @pytest.mark.parametrize(
     ("mu", "ratio"),
-    only([(0.05, 0.0), (0.2, 0.02), (math.inf, 0.0)], itertools.product([0.05, 0.2, math.inf], [0.0, 0.02])),
+    only([(0.2, 0.02), (math.inf, 0.0)], itertools.product([0.05, 0.2, math.inf], [0.0, 0.02])),
 )
 def test_work_is_the_integral_of_the_boundarys_force_on_ways_up_down_and_around(mu, ratio):
     """Nothing is stored or lost but what the boundary gives: at every load, and to second order in the steps.
@@ -340,9 +340,7 @@ def test_work_is_the_integral_of_the_boundarys_force_on_ways_up_down_and_around(
 
 
 @pytest.mark.claim("friction-energy")
-@pytest.mark.parametrize(
-    ("mu", "ratio"), only([(math.inf, 0.0), (0.2, 0.02)], [(0.1, 0.0), (0.2, 0.0), (math.inf, 0.0), (0.2, 0.02)])
-)
+@pytest.mark.parametrize(("mu", "ratio"), only([(0.2, 0.02)], [(0.1, 0.0), (0.2, 0.0), (math.inf, 0.0), (0.2, 0.02)]))
 def test_energies_do_not_depend_on_how_many_loads_a_way_has(mu, ratio):
     """In one go, and over many stops, there and back: the work that is left, and what is lost on the way."""
     up = [ReducedLoad(overlap=float(y)) for y in np.linspace(0.0, 0.6, 25)[1:]]
@@ -551,7 +549,7 @@ def test_balls_pressed_from_the_gas_stand_in_balance(lattice):
 def test_dashpots_of_the_gas_take_what_is_neither_stored_nor_lost(lattice, shape):
     """Their own work, stiffness times the square of the motion in a step, is not what the energy is found from."""
     off = []
-    for finer in (1, 2, 4):  # equally viscous dashpots resist a shorter step more
+    for finer in (1, 2) if lattice is SQUARE else (1, 2, 4):  # equally viscous dashpots resist a shorter step more
         paths = history(shape, 0.3, lattice=lattice, start="gas")
         damped = replace(paths.stepper, drag=finer * stepper.DRAG)
         first = -float(np.max(paths.stencils.average_pairs(paths.deviations)))  # where the first two balls touch
@@ -565,13 +563,12 @@ def test_dashpots_of_the_gas_take_what_is_neither_stored_nor_lost(lattice, shape
         assert here.work - here.dissipated == pytest.approx(here.stored, rel=1e-9)
         off.append(abs(here.damped / taken - 1.0))
     assert off[0] < 0.2
-    assert off[1] < off[0] / 3.0
-    assert off[2] < off[1] / 3.0
+    assert all(fine < coarse / 3.0 for coarse, fine in itertools.pairwise(off))
 
 
 @pytest.mark.claim("friction-gas-energy")
 def test_the_energy_of_an_array_from_the_gas_is_kept():
-    paths = history((6, 6), 0.3, lattice=SQUARE, start="gas", tolerance=1e-4)
+    paths = history((4, 4), 0.3, lattice=SQUARE, start="gas", tolerance=1e-4)
     begun = paths.begin()
     end = begun.overlap + 0.5
     states, work = follow_boundary(paths, (end, end + 0.4), 16)

@@ -89,9 +89,10 @@ def test_forces_in_the_exact_geometry_are_those_of_lammps():
 
 @pytest.mark.claim("friction-lammps")
 @pytest.mark.exhaustive
-def test_the_mean_force_is_that_of_lammps_from_a_start_of_its_own():
+@pytest.mark.parametrize("size", [16, 32])
+def test_the_mean_force_is_that_of_lammps_from_a_start_of_its_own(size):
     """Loose balls lie elsewhere, and single forces differ by percents; the mean force tells wrong directions even so."""
-    shape, width, mu = (16, 16), 1e-2, 0.2
+    shape, width, mu = (size, size), 1e-2, 0.2
     x = gp.Uniform(1.0).sample(shape, 0)
     x -= np.mean(x)
     stencils = Stencils(shape, ETA)

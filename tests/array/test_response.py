@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import granphon as gp
 from granphon.array.equilibrium import equilibrate
 from granphon.array.geometry import ReducedLoad
 from granphon.dynamics.tensors import bulk_and_shear
@@ -95,38 +94,6 @@ def test_balls_that_nothing_holds_do_not_count():
 
 
 # -- the calculator's contacts, in real space ---------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("friction", [False, True], ids=["smooth", "rough"])
-@pytest.mark.parametrize("spacing", [2.0, 1.0, 0.7])
-def test_against_the_calculators_force_constants(steel, spacing, friction):
-    # so little spread that lever arms, half of each ball's own diameter there, are half the mean here
-    width = 1e-10 * 8e-3
-    packing = gp.Packing(steel, 8e-3, gp.Uniform(width), friction=friction)
-    sample = gp.DirectSimulation(packing, (9, 8)).at_overlap((spacing - 0.5) * width).sample
-    state = gp.ContactState(packing, "ala", packing.law, sample.force, sample.overlap, sample.normal_stiffness)
-    lattice = gp.HertzMindlin(state).contact_lattice(sample.atoms())
-    expected = lattice.elastic_tensor() * state.scales.modulus
-    np.testing.assert_allclose(sample.elastic_tensor, expected, rtol=0.0, atol=1e-6 * expected.max())
-    # k of the contacts is exact; each has it from overlaps, displacements and diameters in fractions of d
-    assert len(lattice.contacts) == np.count_nonzero(sample.contact_forces)
-
-
-def test_the_calculator_finds_the_sample_at_rest(steel):
-    packing = gp.Packing(steel, 8e-3, gp.Uniform(2.04e-6), friction=False)
-    sample = gp.DirectSimulation(packing, (12, 10)).at_overlap(0.2 * 2.04e-6).sample
-    state = gp.ContactState(packing, "ala", packing.law, sample.force, sample.overlap, sample.normal_stiffness)
-    atoms, scales = sample.atoms(), state.scales
-    atoms.calc = gp.HertzMindlin(state)
-    unit = scales.stiffness * scales.length
-    assert np.max(np.abs(atoms.get_forces())) * unit < 1e-9 * sample.force
-    assert atoms.get_potential_energy() * unit * scales.length == pytest.approx(sample.energy * 3 * 120, rel=1e-9)
-    # P = sqrt(3) f / d; a layer one diameter thick
-    stress = atoms.get_stress() * scales.modulus * packing.diameter
-    assert -np.mean(stress[:2]) == pytest.approx(math.sqrt(3.0) * sample.force / packing.diameter, rel=1e-9)
-    # without the displacements there is no rest
-    atoms.positions -= atoms.arrays["displacements"]
-    assert np.max(np.abs(atoms.get_forces())) * unit > 0.1 * sample.force
 
 
 # -- properties ---------------------------------------------------------------------------------------------------------

@@ -17,7 +17,6 @@ from granphon.balls.distributions import MOST_POINTS, NormalShape, UniformShape
 from granphon.base.errors import InputError
 from tests.conftest import only
 
-PLACES = (-0.95, -0.5, -0.01, 0.0, 0.3, 0.99, 1.01, 2.0)
 POWERS = (-0.5, 0.0, 0.5, 1.5, 3.0)
 UNIFORM = UniformShape()
 NORMALS = {cutoff: NormalShape(cutoff) for cutoff in (0.5, 3.0, 6.0)}
@@ -427,33 +426,16 @@ def test_quantiles_invert_the_distribution():
 # --- what cannot be ---------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("value", [-1e-6, math.nan, math.inf, "wide", None, [1.0, [2.0]]])
-def test_widths_that_cannot_be(value):
-    with pytest.raises(InputError, match="width"):
-        Uniform(value)
-    with pytest.raises(InputError, match="std"):
-        Normal(value)
-
-
-@pytest.mark.parametrize("cutoff", [0.0, -1.0, math.nan, 1e-4, 11.0])
-def test_cutoffs_that_cannot_be(cutoff):
-    with pytest.raises(InputError, match="cutoff"):
-        Normal(1e-6, cutoff)
-
-
 @pytest.mark.parametrize(
     ("diameters", "fractions", "words"),
     [
         ([], [], "diameters"),
         ([8e-3, 9e-3], [1.0], "2 diameters and 1 fractions"),
         ([8e-3, 9e-3], [0.5, 0.4], "sum to 0.9, 0.1 below 1"),
-        ([8e-3, 9e-3], [0.5, 0.6], "sum to 1.1, 0.1 above 1"),
         ([8e-3, 9e-3], [1.5, -0.5], "fractions: found -0.5 among 2"),
-        ([8e-3, 0.0], [0.5, 0.5], "diameters: found 0.0 among 2"),
         ([8e-3, -1e-3], [0.5, 0.5], "above zero"),
         ([8e-3, math.nan], [0.5, 0.5], "finite"),
         ([[8e-3]], [1.0], "diameters"),
-        (["a"], [1.0], "diameters"),
     ],
 )
 def test_lists_that_cannot_be(diameters, fractions, words):
@@ -489,16 +471,13 @@ def test_the_mean_must_be_the_diameter_of_the_packing():
         TWO.check_diameter(math.nan)
 
 
-@pytest.mark.parametrize("shape", [-1, 2.5, True, "ab", (), (3, -1), (2, 2.0)])
-def test_samples_of_no_shape(shape):
-    with pytest.raises(InputError, match="shape"):
-        Uniform(1e-6).sample(shape, 0)
-
-
-@pytest.mark.parametrize("seed", [-1, 1.0, True, 2**64, None])
-def test_seeds_that_cannot_be(seed):
-    with pytest.raises(InputError, match="seed"):
-        Uniform(1e-6).sample(2, seed)
+def test_samples_of_no_shape_and_of_no_seed():
+    for shape in (-1, 2.5, True, "ab", (), (3, -1), (2, 2.0)):
+        with pytest.raises(InputError, match="shape"):
+            Uniform(1e-6).sample(shape, 0)
+    for seed in (-1, 1.0, True, 2**64, None):
+        with pytest.raises(InputError, match="seed"):
+            Uniform(1e-6).sample(2, seed)
 
 
 def test_powers_that_cannot_be():
@@ -513,10 +492,8 @@ def test_powers_that_cannot_be():
 @pytest.mark.parametrize(
     ("text", "column"),
     [
-        ("diameter (mm)\n7.999\n8.001\n", None),
         ("\ufeffball,Diameter [um],note\n# a lot\n1,7999,\n\n2,8001,round\n", None),
         ('"d (m)";"mass"\n7.999e-3;1,2\n8.001e-3;1,3\n', "d"),
-        ("size / lot A (µm)\n7999\n8001\n", None),
         ("\tdiameter (cm)\nx\t0.7999\n\t0.8001\n", "diameter"),
     ],
 )
@@ -529,18 +506,10 @@ def test_reading_a_table(tmp_path, text, column):
 @pytest.mark.parametrize(
     ("text", "column", "words"),
     [
-        ("", None, "empty"),
-        ("7.999\n8.001\n", None, "headed"),
         ("a,b\n1,2\n", None, "no column named 'diameter'"),
-        ("diameter,diameter\n1,2\n", None, "two columns"),
         ("a,b\n1,2\n", "c", "named 'c'"),
-        ("diameter (furlong)\n1\n", None, "'1 furlong', whose unit is not known"),
         ("diameter (kg)\n1\n", None, "unit is not a unit of length"),
-        ("diameter (mm)\n8.0\nwide\n", None, "csv:3: diameter: found 'wide'"),
-        ("ball,diameter (mm)\n1,8.0\n2\n", None, "csv:3: diameter: found nothing"),
         ("diameter (mm)\n-8.0\n", None, "csv:2: diameter: found '-8.0 mm', which is negative"),
-        ("diameter (mm)\n7,999\n", None, "csv:2: found 2 cells below 1 heading"),
-        ("diameter (mm)\n", None, "no rows"),
     ],
 )
 def test_tables_that_cannot_be_read(tmp_path, text, column, words):
@@ -548,11 +517,3 @@ def test_tables_that_cannot_be_read(tmp_path, text, column, words):
     path.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=words):
         Measured.from_csv(path, column)
-
-
-def test_a_table_that_is_not_there(tmp_path):
-    with pytest.raises(InputError, match="cannot be read"):
-        Measured.from_csv(tmp_path / "none.csv")
-    (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(InputError, match="cannot be read"):
-        Measured.from_csv(tmp_path / "binary.csv")

@@ -33,9 +33,6 @@ def test_packing_of_equal_balls(packing, smooth):
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        ({"diameter": 0.0}, "diameter"),
-        ({"diameter": -1.0}, "diameter"),
-        ({"diameter": math.nan}, "diameter"),
         ({"diameter": "8 mm"}, "diameter"),
         ({"lattice": "cubic"}, "unknown lattice"),
         ({"friction": 1}, "friction"),
@@ -90,18 +87,12 @@ def test_what_resists_rotations_without_friction(steel, motions, torsion, bendin
     ("change", "text"),
     [
         ({"motions": "sideways"}, "no motions 'sideways'"),
-        ({"motions": "All"}, "no motions 'All'"),
-        ({"motions": ""}, "no motions ''"),
         ({"motions": 6}, "no motions 6"),
         ({"motions": ["all"]}, "no motions"),
         ({"torsion": -1e-9}, "torsion"),
-        ({"torsion": math.nan}, "torsion"),
-        ({"torsion": math.inf}, "torsion"),
         ({"torsion": "Mindlin"}, "torsion is 'Mindlin'.*mindlin"),
-        ({"torsion": None}, "torsion"),
         ({"torsion": [0.1, 0.2]}, "torsion"),
         ({"bending": -1.0}, "bending"),
-        ({"bending": math.nan}, "bending"),
         ({"bending": "mindlin"}, "bending"),
         ({"lattice": "chain", "torsion": 0.1}, "torsion without rotations.*'longitudinal'.*motions out_of_plane, all, or"),
         (
@@ -114,7 +105,6 @@ def test_what_resists_rotations_without_friction(steel, motions, torsion, bendin
             "torsion without rotations about .*'in_plane'.* out_of_plane, all, or",
         ),
         ({"lattice": "square", "torsion": 0.1, "bending": 0.1}, "^torsion without.* motions out_of_plane, all, or leave it"),
-        ({"lattice": "chain", "torsion": "mindlin"}, "torsion without rotations"),
         (
             {"lattice": "chain", "motions": "longitudinal", "torsion": 0.1, "bending": 0.2},
             "torsion and bending without .*leave both",

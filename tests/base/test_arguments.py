@@ -253,18 +253,6 @@ def test_names_come_as_a_text_a_list_or_an_array():
         PHONONS.bands("GKM", 3, np.ma.array(["G", "K", "M"], mask=[0, 1, 0]))
 
 
-SPAN = np.timedelta64(3)
-
-
-@pytest.mark.parametrize("keyword", ["seed", "samples", "shape"])
-def test_sizes_of_a_simulation_are_whole_numbers(keyword):
-    none = [None] * (keyword != "shape")  # the default of a shape
-    for wrong in (SPAN, True, 2.0, "2", *none, ENDLESS, np.ma.masked, {}, [SPAN, 4], [[1, 2], [3, 4]]):
-        for diameters in (None, [[8e-3, 8e-3]]):
-            with pytest.raises(InputError):
-                gp.DirectSimulation(BALLS, diameters=diameters, **{keyword: wrong})
-
-
 def test_the_name_of_a_lattice_is_a_text():
     for wrong in (None, 1, [], {}, object(), np.array(["a"])):
         with pytest.raises(InputError, match="the name of a lattice: found"):

@@ -15,8 +15,7 @@ from xarray import Dataset
 import granphon as gp
 from granphon.balls.lattices import LATTICES
 from granphon.base.errors import InputError
-from granphon.base.notebook import describe_value, write_html
-from granphon.base.results import Result
+from granphon.base.results import Result, describe_value, write_html
 from granphon.waves.path_spectra import find_path_spectra
 from tests.test_structure import loaded_after
 
@@ -181,7 +180,9 @@ def test_the_table_of_a_run_is_its_summary(tmp_path):
         (np.array([1.0, 2.5]), "1, 2.5"), (np.zeros((2, 3)), "array 2 x 3, all 0"), (np.zeros((0, 3)), "array 0 x 3"),
         (np.array([[1.0, np.nan]]), "array 1 x 2, all 1, 1 not finite"), (np.full(3, np.nan), "nan, nan, nan"),
         (np.full(9, np.inf), "array 9, 9 not finite"), (np.array([3j, 4.0]), "array 2, magnitudes 3 to 4"),
-        (np.array([True] * 8 + [False]), "array 9, 8 of them true"), ((), "none"), (("a", "b"), "a, b"),
+        (np.array([True] * 8 + [False]), "array 9, 8 of them true"),
+        (np.array([[-4.8e-8, 2.97e9]]), "array 1 x 2, 0 to 2.97e+09"), (np.array([[-2.0, 1e-16]]), "array 1 x 2, -2 to 0"),
+        (np.array([[1e-300, 2e-290]]), "array 1 x 2, 1e-300 to 2e-290"), ((), "none"), (("a", "b"), "a, b"),
         (tuple("abcdefgh"), "a, b, c, d, e, f, ... (8 in all)"), (tuple(range(9)), "array 9, 0 to 8"),
         ((STEEL, STEEL), "2 of Material"), (((1.0, 0.0), (0.0, 1.0)), "1, 0; 0, 1"), ({"alpha": 0.5}, "alpha: 0.5"),
     ],
@@ -282,7 +283,7 @@ def test_a_spectral_function_is_drawn_at_its_wave_vectors(results):
 
 def test_what_has_no_picture_is_one_clear_error():
     for wrong in (3, None, "bands", STEEL, SimpleNamespace(dataset=None), 1.0, Dataset({"x": ("n", [1.0, 2.0])})):
-        with pytest.raises(InputError, match=r"has no default picture\. Give bands, a density of states, a sweep"):
+        with pytest.raises(InputError, match=r"has no default picture\. Give bands .*, a density of states, a sweep"):
             gp.plot(wrong)
     with pytest.raises(InputError, match=r"1\.0 shares no figure with others\. Give sweeps, fits, bands"):
         gp.plot([1.0])

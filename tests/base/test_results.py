@@ -19,9 +19,8 @@ from granphon.base.errors import InputError, MissingFileError, Refused
 from granphon.base.results import Result, read_only
 from granphon.dynamics.contact_lattice import Modes
 from granphon.media.sampled_state import SampledState
-from granphon.observables.pulses import PulseVelocities
 from granphon.observables.validity import Check, Validity
-from granphon.observables.velocities import AveragedModuli, Moduli, SoundVelocities
+from granphon.observables.velocities import AveragedModuli, Moduli, PulseVelocities, SoundVelocities
 from granphon.waves.chebyshev import Refinable
 
 
@@ -204,7 +203,7 @@ def every(packing, results):
     from granphon.dynamics.local_field import LocalField
     from granphon.fits.fit import fit_width
     from granphon.fits.measurements import Measurements
-    from granphon.runs.samples import RecordedState, SampleRecord
+    from granphon.runs.tasks import SampleRecord
     from granphon.tradeoffs.measure import MeasuredPoint, TradeOff
     from granphon.waves.path_spectra import find_path_spectra
 
@@ -213,23 +212,23 @@ def every(packing, results):
     medium = gp.DirectSimulation(spread, (8, 8), seed=1, samples=2, geometry="lattice")
     simulated = medium.at_force([1.0, 5.0])
     records = [SampleRecord.of(sample) for sample in simulated.samples]
-    recorded = RecordedState.of(medium, records, Load("force", (1.0, 5.0)))
+    recorded = gp.SimulatedState.of(medium, records, Load("force", (1.0, 5.0)))
     assert (recorded.n_samples, recorded.exponent_error.tolist()) == (2, simulated.exponent_error.tolist())
     # records stand where samples do, at all loads and at one
     assert (recorded.samples, recorded[1].samples, recorded.sample[1]) == (tuple(records), tuple(records[2:]), records[2])
     phonons = gp.Phonons(results["state"])
-    point = MeasuredPoint("media", "ema", "", np.array([[0.1]]), np.array([[1e-3]]), 1.0, 0.1, 0.2, 3, 1e-9, True)
+    point = MeasuredPoint("ema", "", np.array([[0.1]]), np.array([[1e-3]]), 1.0, 0.1, 0.2, 3, 1e-9, True)
     history = {"friction_history": True, "friction_coefficient": 0.3, "step_tolerance": 1.0}
     pressed = gp.DirectSimulation(spread, (4, 4), seed=1, **history).at_force(5.0).sample
     exact = gp.DirectSimulation(spread, (4, 4), seed=1, geometry="exact").at_force(5.0).sample.equilibrium
     found = [
-        *results.values(), results["moduli"].hill, simulated, recorded, records[0], simulated.samples[0],
+        *results.values(), results["moduli"].hill, simulated, simulated.samples[0],
         simulated.samples[0].equilibrium, simulated.samples[0].network, pressed, pressed.equilibrium, exact,
         LocalField(2.0, 0.5, 0.3, 0.8, "triangular"), phonons.bands([[0, 0], [0.5, 0]], npoints=2),
         phonons.dos(mesh=(4, 4), points=12), phonons.modes([[0.1, 0.2]]),
         Measurements(force, 500.0 * force ** (1 / 6), 1.0),
         fit_width(spread, force, gp.sound_velocities(gp.EffectiveMedium(spread).at_force(force)).longitudinal, 2.0),
-        point, TradeOff((point,), "force", (1.0,), {"media": ("velocities",)}, {"media": "x"}, 5, 1.0, 2.0),
+        point, TradeOff((point,), "force", (1.0,), ("velocities",), "x", 5, 1.0, 2.0),
     ]  # fmt: skip
     found.append(next(result.waves for result in found if hasattr(result, "waves")))
     waves = gp.Waves(simulated.samples[0])
@@ -245,8 +244,16 @@ def every(packing, results):
     )
     found.append(gp.Hexagon(spread, 2).at_side_force(5.0))
     surface = gp.Surface(gp.AveragedLattice(packing).at_force(5.0), 1)
+    chain = gp.Crystal.on("chain", [gp.Ball(packing.material, 8e-3), gp.Ball(packing.material, 6e-3)])
+    found += [chain, chain.at_force(5.0)]
     q = [[0.3]]
     found += [surface.spectrum(q, [1e3, 2e3]), surface.branches(q)]
+    found.append(gp.Phonons(surface.network).complex_bands([1e3, 2e3], 1))
+    strip = surface.network.cut(1, 3)
+    runs = [gp.transmission(surface.network, strip, surface.network, [1e3, 2e3], axis=1)] * 2
+    longer = gp.transmission(surface.network, surface.network.cut(1, 4), surface.network, [1e3, 2e3], axis=1)
+    found += [runs[0], gp.scattering_lengths([*runs, longer, longer])]
+    found.append(gp.NonlinearWaves(strip).run(1e-5, velocities=np.full((strip.n_balls, 3), 1e-3), frames=2))
     return {type(result): result for result in found}
 
 

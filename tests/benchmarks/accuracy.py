@@ -40,7 +40,7 @@ from granphon.media.accuracy import compute_form_coefficients
 from granphon.media.choice import even_shape
 from granphon.media.simulation import SimulatedState
 from granphon.media.state import ContactState
-from granphon.tradeoffs.ensemble import observe
+from granphon.tradeoffs.measure import observe
 
 Array = NDArray[np.float64]
 DIAMETER, WIDTH = 8e-3, 2e-6

@@ -285,14 +285,16 @@ def edges(repeats: int) -> list[Row]:
     times = alternate(
         min(repeats, 3), map=lambda: surface.spectrum(q, f), inverses=lambda: np.linalg.inv(blocks),
         slab=lambda: slab.frequencies(few), values=lambda: np.linalg.eigvalsh(matrices),
+        modes=lambda: slab.modes(few), vectors=lambda: np.linalg.eigh(matrices),
     )  # fmt: skip
     return [
         over(
             "surface of fcc, 200 q x 400 frequencies: the map over one inverse of each block", times, "map", "inverses", 60.0
         ),
         over(
-            "slab of fcc, 100 layers: its frequencies over eigenvalues of D(q) that is there", times, "slab", "values", 8.0
+            "slab of fcc, 100 layers: its frequencies over eigenvalues of D(q) that is there", times, "slab", "values", 3.0
         ),
+        over("slab of fcc, 100 layers: modes and velocities over eigenvectors of D(q)", times, "modes", "vectors", 4.0),
     ]
 
 

@@ -44,14 +44,6 @@ phonopy:
 SPECTRA = SCENE.replace("[velocities]", "[velocities, bands, dos]")
 
 
-@pytest.fixture
-def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty working folder with a scene in it."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "scene.yaml").write_text(SCENE, encoding="utf-8")
-    return tmp_path
-
-
 def command(*arguments: str, **options: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-m", "granphon", *arguments], capture_output=True, text=True, **options)
 
@@ -63,7 +55,7 @@ def tree(folder: Path) -> set[str]:
 # -- every mistake in a scene is one clear error --------------------------------------------------------------------
 
 LENGTHS = "a length above zero with its unit, such as '8 mm' (m, cm, mm, um, nm, inch)"
-TOP = "schema, material, packing, balls, crystal, load, medium, sweep, observe, direction, spectrum, pulse, phonopy"
+TOP = "schema, material, packing, balls, crystal, load, medium, sweep, observe, direction, spectrum, pulse, surface, phonopy"
 ONE = "exactly one of force, pressure, overlap, or side_force with balls_per_side"
 FORCES = "a force above zero with its unit"
 
@@ -75,55 +67,40 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
         "diameter:", "diametre:", 8, "packing.diametre", "an unknown key", "lattice, diameter, spread, friction, finite_overlap",
         "Did you mean 'diameter'?",
     ),
-    "misspelt key in phonopy": (
-        "band_points:", "band_point:", 17, "phonopy.band_point", "an unknown key",
-        "dim, band, band_labels, band_points, mesh", "Did you mean 'band_points'?",
-    ),
     "key in the wrong block": ("medium: ala", "diameter: 8 mm", 12, "diameter", "an unknown key", TOP, "belongs under 'packing'"),
     "key too deep": ("  lattice: triangular", "  medium: ala", 7, "packing.medium", "an unknown key", "lattice", "the top level"),
     "merge key": ("medium: ala", "<<: {}", 12, "<<", "an unknown key", TOP, ""),
-    "number as a key": ("medium: ala", "1: 2", 12, "1", "an unknown key", TOP, ""),
     "duplicate key": (
         "  friction: true", "  diameter: 9 mm", 9, "packing.diameter", "the key twice (first on line 8)", "each key once", "Remove",
     ),
     "missing key": ("  diameter: 8 mm\n", "", 6, "packing.diameter", "nothing, and it has no default", LENGTHS, ""),
-    "missing block": ("load:\n  force: 18.446 N\n", "", 1, "load", "nothing, and it has no default", "a block of keys: force", ""),
     "empty block": ("  force: 18.446 N\n", "", 10, "load", "nothing", "a block of keys: force", ""),
-    "value for a block": ("load:\n  force: 18.446 N", "load: 3 N", 10, "load", "'3 N'", "a block of keys: force", ""),
     # quantities
     "no unit": ("8 mm", "8", 8, "packing.diameter", "8, without a unit", LENGTHS, "Write the unit too"),
-    "wrong unit": ("8 mm", "8 kg", 8, "packing.diameter", "'8 kg', whose unit is not a unit of length", LENGTHS, ""),
     "stress for a linear pressure": (
         "force: 18.446 N", "pressure: 4 kPa", 11, "load.pressure", "'4 kPa', whose unit is not a unit of force per length",
         "N/m, kN/m", "",
     ),
-    "unknown unit": ("8 mm", "8 parsnip", 8, "packing.diameter", "'8 parsnip', whose unit is not known", LENGTHS, ""),
+    "half of a number": ("211.65 GPa", "7,0 GPa", 3, "material.young_modulus", "'7,0 GPa'", "GPa", ""),
     "misspelt unit": ("GPa", "Gpa", 3, "material.young_modulus", "'211.65 Gpa', whose unit", "GPa", "Did you mean '211.65 GPa'?"),
-    "expression": ("8 mm", "8*9 mm", 8, "packing.diameter", "'8*9 mm', which is not one number and one unit", LENGTHS, ""),
     "many digits": (
         "18.446 N", f"{'1' * 5000} N", 11, "load.force", "a text of 5002 letters", "in 100 letters at most", "",
     ),
     "far point of the band": (
         "0 0 0 1/3", "0 0 0 1e9", 15, "phonopy.band", "'1e9' in '0 0 0 1e9 1/3 0",
-        "numbers from -1000 to 1000", "",
+        "a plain number from -1000 to 1000", "",
     ),
-    "no number": ("8 mm", "mm", 8, "packing.diameter", "'mm', which does not start with a number", LENGTHS, ""),
     "empty value": ("8 mm", "", 8, "packing.diameter", "nothing", LENGTHS, ""),
     "nan": ("8 mm", "nan mm", 8, "packing.diameter", "'nan mm', which is not a finite number", LENGTHS, ""),
-    "plain nan": ("8 mm", ".nan", 8, "packing.diameter", "nan, which is not a finite number", LENGTHS, ""),
     "huge": ("8 mm", "1e9999 mm", 8, "packing.diameter", "'1e9999 mm', which is not a finite number", LENGTHS, ""),
-    "tiny": ("8 mm", "1e-9999 mm", 8, "packing.diameter", "'1e-9999 mm', which is too small", LENGTHS, ""),
     "zero size": ("8 mm", "0 mm", 8, "packing.diameter", "'0 mm', which is zero", LENGTHS, ""),
-    "negative size": ("8 mm", "-8 mm", 8, "packing.diameter", "'-8 mm', which is negative", LENGTHS, ""),
     "a modulus beyond double precision": (
         "211.65 GPa", "1e300 Pa", 3, "material.young_modulus", "'1e300 Pa'", "a ball that double precision can hold",
         "balls of 0.008 m of 1e+300 Pa and 7840 kg/m^3 are beyond double precision",
     ),
     "a ball beyond double precision": ("8 mm", "1e-150 m", 8, "packing.diameter", "'1e-150 m'", "double precision", ""),
-    "list of sizes": ("8 mm", "[8 mm]", 8, "packing.diameter", "['8 mm']", LENGTHS, ""),
     # numbers
     "Poisson ratio too large": ("0.276", "0.51", 4, "material.poisson_ratio", "0.51", "-1 < poisson_ratio <= 0.5", "not stable"),
-    "Poisson ratio with a unit": ("0.276", "0.276 Pa", 4, "material.poisson_ratio", "'0.276 Pa'", "a plain number", "without"),
     "number with underscores": ("points: 11", "points: 1_1", 17, "phonopy.band_points", "'1_1'", "a whole number from 2", ""),
     "newer schema": ("schema: 1", "schema: 2", 1, "schema", "2", "1.", "newer granphon"),
     # loads
@@ -135,22 +112,14 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
         "  force: 18.446 N", "  force: 18.446 N\n  overlap: 1 um", 10, "load", "force and overlap", ONE, "Remove all but one",
     ),
     "side force alone": ("force: 18.446 N", "side_force: 990 N", 10, "load", "side_force alone", ONE, ""),
-    "balls alone": ("force: 18.446 N", "balls_per_side: 31", 10, "load", "balls_per_side without side_force", ONE, ""),
-    "balls with a force": (
-        "  force: 18.446 N", "  force: 1 N\n  balls_per_side: 31", 10, "load", "force and balls_per_side", ONE, "",
-    ),
     "half a ball": (
         "force: 18.446 N", "side_force: 1 N\n  balls_per_side: 0.5", 12, "load.balls_per_side", "0.5", "a whole number from 1", "",
     ),
     "no load in a list": ("18.446 N", "[]", 11, "load.force", "an empty list", "a list of one or more values", ""),
     "one of many loads": ("18.446 N", "[1 N, 2 kg]", 11, "load.force.1", "'2 kg', whose unit is not a unit of force", FORCES, "'2 kgf'"),
-    "one of many loads crushes": ("18.446 N", "[1 N, 1 TN, 2 N]", 11, "load.force.1", "'1 TN'", "balls can carry", "Lower the load"),
     "load without a kind": ("force: 18.446 N", "{from: 1 N, to: 9 N}", 10, "load", "without the kind of load", ONE, "'force:'"),
     "range without points": (
         "18.446 N", "{from: 1 N, to: 9 N}", 11, "load.force.points", "nothing, and it has no default", "a whole number", "",
-    ),
-    "misspelt key in a range": (
-        "18.446 N", "{from: 1 N, too: 9 N, points: 3}", 11, "load.force.too", "an unknown key", "from, to, points", "Did you mean 'to'?",
     ),
     "range of too many points": ("18.446 N", "{from: 1 N, to: 9 N, points: 200001}", 11, "load.force.points", "200001", "200000", ""),
     "range of one point": ("18.446 N", "{from: 1 N, to: 9 N, points: 1}", 11, "load.force.points", "1 for the range from 1 N", "1 if", ""),
@@ -158,9 +127,6 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
         "18.446 N", "{from: 1 N, to: 9 N, points: 3, scale: logarithmic}", 11, "load.force.scale", "'logarithmic'", "log, linear", "",
     ),
     "range that crushes": ("18.446 N", "{from: 1 N, to: 1 TN, points: 3}", 11, "load.force.to", "'1 TN'", "balls can carry", "Lower"),
-    "range downwards that crushes": (
-        "18.446 N", "{from: 1 TN, to: 1 N, points: 3}", 11, "load.force.from", "'1 TN'", "balls can carry", "Lower the load",
-    ),
     "log range from below zero": (
         "force: 18.446 N", "overlap: {from: -1 um, to: 1 um, points: 3}", 11, "load.overlap", "a log range from -1 um to 1 um",
         "values above zero", "Write scale: linear",
@@ -177,7 +143,6 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
     # names
     "unknown medium": ("medium: ala", "medium: emma", 12, "medium", "'emma'", "ala, afa, ema", "Did you mean 'ema'?"),
     "unknown option of a medium": ("medium: ala", "medium: {ema: {tol: 1}}", 12, "medium.ema.tol", "an unknown key", "local_field", ""),
-    "option of another medium": ("medium: ala", "medium: {ala: {local_field: paper}}", 12, "medium.ala.local_field", "an unknown key", "none", ""),
     "value of an option": ("medium: ala", "medium: {ema: {local_field: papr}}", 12, "medium.ema.local_field", "'papr'", "computed, paper", "'paper'?"),
     "options that are no block": ("medium: ala", "medium: {ema: paper}", 12, "medium.ema", "'paper'", "a block of keys: local_field", ""),
     "misspelt option of a simulation": (
@@ -185,7 +150,6 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
         "shape, seed, samples", "Did you mean 'samples'?",
     ),
     "shape of three": ("medium: ala", "medium: {simulation: {shape: 16 16 1}}", 12, "medium.simulation.shape", "'16 16 1'", "two whole numbers from 1", "such as 128 128"),
-    "shape without a side": ("medium: ala", "medium: {simulation: {shape: [0, 9]}}", 12, "medium.simulation.shape", "[0, 9]", "two whole numbers from 1", ""),
     "seed that is none": ("medium: ala", "medium: [ala, simulation: {seed: -1}]", 12, "medium.1.simulation.seed", "-1", "a whole number from 0", ""),
     "simulation with finite overlap": (
         "  friction: true\nload:\n  force: 18.446 N\nmedium: ala", "  finite_overlap: true\nload:\n  force: 9 N\nmedium: [ala, {simulation: {geometry: lattice}}]", 9,
@@ -197,13 +161,9 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
         "a medium for the", "the square lattice is not simulated",
     ),
     "two media in a block": ("medium: ala", "medium: {ala: , ema: }", 12, "medium", "a block of keys", "ala, afa, ema", ""),
-    "one of many media": ("medium: ala", "medium: [ala, emma]", 12, "medium.1", "'emma'", "ala, afa, ema", "Did you mean 'ema'?"),
     "medium twice": ("medium: ala", "medium: [ema, afa, ema]", 12, "medium", "'ema' twice", "each once", ""),
     "unknown lattice": ("triangular", "triangle", 7, "packing.lattice", "'triangle'", "chain, triangular, square", "'triangular'?"),
-    "lattice by another name": ("triangular", "hexagonal", 7, "packing.lattice", "'hexagonal'", "triangular, square", "'triangular'"),
     "unknown observable": ("[velocities]", "[velocity]", 13, "observe", "'velocity'", "velocities, bands, gaps, dos", "'velocities'?"),
-    "no observable": ("[velocities]", "[]", 13, "observe", "an empty list", "velocities, bands, gaps, dos", ""),
-    "observable twice": ("[velocities]", "[dos, dos]", 13, "observe", "'dos' twice", "each once", ""),
     "observable without a list": ("[velocities]", "dos", 13, "observe", "'dos'", "a list of", "Did you mean [dos]?"),
     "yes for true": ("friction: true", "friction: yes", 9, "packing.friction", "'yes'", "true or false", "Did you mean true?"),
     # spreads
@@ -217,15 +177,8 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
         "0.5 % of 8 mm is 40 um: write '40 um'.",
     ),
     "spread without a kind": ("friction: true", "spread: 2 um", 9, "packing.spread", "'2 um'", "exactly one of", "{uniform: 2 um}?"),
-    "two spreads": (
-        "friction: true", "spread: {uniform: 2 um, normal: 1 um}", 9, "packing.spread", "uniform and normal", "exactly one of", "",
-    ),
-    "no spread in the block": ("friction: true", "spread: {}", 9, "packing.spread", "no spread", "exactly one of", ""),
     "misspelt spread": (
         "friction: true", "spread: {unifrom: 2 um}", 9, "packing.spread.unifrom", "an unknown key", "uniform, normal", "'uniform'?",
-    ),
-    "negative spread": (
-        "friction: true", "spread: {uniform: -2 um}", 9, "packing.spread.uniform", "which is negative", "a length, zero or above", "",
     ),
     "spread wider than the balls": (
         "friction: true", "spread: {uniform: 17 mm}", 9, "packing.spread.uniform", "'17 mm'", "all above zero", "smaller spread",
@@ -243,10 +196,6 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
     "one diameter for a list": (
         "friction: true", "spread: {measured: {diameters: 8 mm}}", 9, "packing.spread.measured.diameters", "'8 mm'", "a list of", "",
     ),
-    "one of the diameters": (
-        "friction: true", "spread: {measured: {diameters: [8 mm, 0 mm]}}", 9, "packing.spread.measured.diameters.1", "which is zero",
-        LENGTHS, "",
-    ),
     "fractions that are too few": (
         "friction: true", "spread: {discrete: {diameters: [7 mm, 9 mm], fractions: [1]}}", 9, "packing.spread.discrete.fractions",
         "[1.0]", "one fraction for each diameter", "2 diameters and 1 fractions",
@@ -254,10 +203,6 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
     "fractions of another sum": (
         "friction: true", "spread: {discrete: {diameters: [7 mm, 9 mm], fractions: [0.5, 0.6]}}", 9,
         "packing.spread.discrete.fractions", "[0.5, 0.6]", "with the sum 1", "Divide them by their sum",
-    ),
-    "fraction below zero": (
-        "friction: true", "spread: {discrete: {diameters: [7 mm, 9 mm], fractions: [1.1, -0.1]}}", 9,
-        "packing.spread.discrete.fractions.0", "1.1", "from 0 to 1", "",
     ),
     "another mean": (
         "friction: true", "spread: {discrete: {diameters: [7 mm, 9.1 mm], fractions: [0.5, 0.5]}}", 9, "packing.spread.discrete",
@@ -275,12 +220,6 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
     "one of the values of a sweep": ("medium: ala", "sweep: {width: [1 um, 2]}", 12, "sweep.width.1", "2, without a unit", "length", ""),
     "value that makes no packing": (
         "medium: ala", "sweep: {width: [1 um, 20 mm]}", 12, "sweep.width.1", "'20 mm'", "that the packing can have", "smaller spread",
-    ),
-    "range that ends in no packing": (
-        "medium: ala", "sweep: {width: {from: 1 um, to: 20 mm, points: 9}}", 12, "sweep.width.to", "'20 mm'", "can have", "smaller",
-    ),
-    "spread of a sweep": (
-        "medium: ala", "sweep: {spread: [{unifrom: 1 um}]}", 12, "sweep.spread.0.unifrom", "an unknown key", "uniform", "'uniform'?",
     ),
     "mechanism in a sweep": (
         "medium: ala", "sweep: {friction: [true, false], lattice: [triangular, kagome]}", 12, "sweep.lattice", "'kagome'",
@@ -300,23 +239,18 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
     ),
     # phonopy
     "band leaves the plane": ("1/3 1/3 0", "1/3 1/3 1/2", 15, "phonopy.band", "third number that is not 0", "three numbers", "layer"),
-    "band with a missing number": ("1/3 1/3 0", "1/3 1/3", 15, "phonopy.band", "11 numbers in a path", "three numbers", "two points"),
     "band with a word": ("1/3 1/3 0", "1/3 K 0", 15, "phonopy.band", "'K' in '0 0 0 1/3 K 0", "three numbers or fractions", ""),
     "labels that do not match": ("G K M G", "G K M", 16, "phonopy.band_labels", "3 labels", "4, one for each point", ""),
     "mesh out of the plane": ("8 8 1", "8 8 8", 18, "phonopy.mesh", "whose third number is 8", "such as 64 64 1", "one layer"),
     "mesh of nothing": ("8 8 1", "0 8 1", 18, "phonopy.mesh", "'0 8 1'", "from 1 to 4096", ""),
-    "supercell too small": ("mesh: 8 8 1", "dim: 2 2 1", 18, "phonopy.dim", "2 2 1", "3 3 1 or more", ""),
     # the text itself
     "broken YAML": ("medium: ala", "medium: [ala", 13, "", "broken YAML", "YAML", ""),
-    "indentation": ("  force: 18.446 N", "force: 3 N\n   overlap: 3", 12, "", "broken YAML", "YAML", "indentation"),
     "tab": ("  force", "\tforce", 11, "", "broken YAML", "YAML", "Indent with spaces"),
     "object tag": ("18.446 N", "!!python/object/apply:os.getcwd []", 11, "load.force", "the tag", "plain values", "Leave the tag out"),
     "alias": ("medium: ala", "medium: &a ala", 12, "medium", "an anchor or alias", "plain values", "Write the value out"),
     "control character": ("ala", "a\x07la", 12, "", "the character '\\x07'", "printable text", ""),
     "empty file": (SCENE, "", 1, "", "an empty text", "a scene", "granphon init"),
-    "null": (SCENE, "---\n...\n", 2, "", "nothing", TOP, ""),
     "a list": (SCENE, "- a\n- b\n", 1, "", "a list", TOP, ""),
-    "a word": (SCENE, "steel\n", 1, "", "'steel'", TOP, ""),
     "two documents": ("medium: ala", "---\nmedium: ala", 12, "", "a second document", "one document", ""),
     # what no lattice of this kind can do
     "mechanism": ("triangular\n  diameter: 8 mm\n  friction: true", "square\n  diameter: 8 mm\n  friction: false", 7,
@@ -340,7 +274,7 @@ def test_mistakes_in_a_scene(work, capsys, name):
     assert "found " in head or "broken YAML" in head
     assert found in head
     assert allowed in tail
-    assert suggestion in tail
+    assert suggestion in tail if suggestion else "Did you mean" not in tail
     assert tree(work) == before
 
 
@@ -618,8 +552,8 @@ def test_check_tells_what_will_be_done(work, capsys):
     assert main(["check", "scene.yaml"]) == 0
     out = capsys.readouterr().out
     for expected in (
-        "E = 211.65 GPa, Poisson ratio 0.276, 7840 kg/m^3", "triangular, balls of 8 mm, with friction", "force 18.446 N",
-        "overlap 1.9392 um", "0 0 0 1/3 1/3 0 1/2 0 0 0 0 0 (G K M G), 11 points", "8 x 8", "velocities, bands, dos",
+        "211.65 GPa", "0.276", "7840 kg/m^3", "triangular", "8 mm", "force 18.446 N", "overlap 1.9392 um",
+        "G K M G", "11", "8 x 8", "velocities, bands, dos",
         "scene.yaml, summary.yaml, sweep.nc, sweep.csv, band.yaml, phonopy_params.yaml, dos.csv, bands.png",
     ):  # fmt: skip
         assert expected in out
@@ -637,21 +571,18 @@ def test_help_has_examples(capsys, verb):
     assert "Example" in out
     assert "granphon " + " ".join(verb) in out
     if not verb:
+        assert main(["--version"]) == 0
+        assert capsys.readouterr().out == f"granphon {gp.__version__}\n"
         assert "Exit codes:" in out
         for name in ("init", "check", "run", "plot"):
             assert f"\n  {name} " in out
 
 
-def test_version(capsys):
-    assert main(["--version"]) == 0
-    assert capsys.readouterr().out == f"granphon {gp.__version__}\n"
-
-
 @pytest.mark.parametrize(
     ("arguments", "found"),
     [
-        ([], "Missing command"), (["rum"], "No such command 'rum'"), (["run", "scene.yaml"], "--out"),
-        (["nonsense"], "No such command 'nonsense'. See 'granphon --help'."),
+        ([], "Missing command"), (["rum"], "No such command 'rum'"), (["nonsense"], "'nonsense'. See 'granphon --help'."), (["run", "scene.yaml"], "--out"),
+        *((words, "is empty") for words in (["run", "scene.yaml", "-o", ""], ["init", ""], ["plot", ".", "-o", ""])),
         (["run"], "Missing argument 'SCENE'. See 'granphon run --help'."),
         (["mode", "s.yaml", "--at", "K", "-o", "m.png", "--branch", "-1"], "equal to 0. See 'granphon mode --help'."),
         (["run", "scene.yaml", "-o", "out", "--forse"], "No such option"),
@@ -791,13 +722,6 @@ def test_progress_on_a_real_terminal_leaves_stdout_alone(work):
     assert b"longitudinal velocity" in out
 
 
-def test_an_empty_name_is_wrong(work, capsys):
-    for words in (["run", "scene.yaml", "-o", ""], ["init", ""], ["plot", ".", "-o", ""]):
-        assert main(words) == 2
-        assert "is empty" in one_error(capsys)
-    assert tree(work) == {"scene.yaml"}
-
-
 def test_a_closed_stdout_is_no_failure(work):
     code = "import sys; sys.stdout = None\nfrom granphon.cli.commands import main\nsys.exit(main(['check', 'scene.yaml']))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
@@ -814,10 +738,3 @@ def test_names_of_files_do_not_command_the_terminal(work, capsys):
     Path(name).write_text("colour: 1\n", encoding="utf-8")
     assert main(["check", name]) == 2
     assert one_error(capsys).startswith("red\\x1b[31m\\u202e.yaml:1: colour: ")
-
-
-@pytest.mark.parametrize("value", ["7_0 GPa", "7,0 GPa", "7 0 GPa", "\u0667\u0660 GPa"])
-def test_half_of_a_number_is_no_suggestion(work, capsys, value):
-    (work / "scene.yaml").write_text(SCENE.replace("211.65 GPa", value), encoding="utf-8")
-    assert main(["check", "scene.yaml"]) == 2
-    assert "Did you mean" not in one_error(capsys)

@@ -21,14 +21,6 @@ load: {force: 18.446 N}
 """
 
 
-@pytest.fixture
-def work(tmp_path, monkeypatch):
-    """An empty working folder with a scene in it."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "scene.yaml").write_text(SCENE, encoding="utf-8")
-    return tmp_path
-
-
 def files(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.name != LIST}
 

@@ -222,17 +222,6 @@ def test_lattices_that_cannot_be(eta, spacing, prestress):
 # -- lattices as data -------------------------------------------------------------------------------------------------
 
 
-@given(q=wavevectors, angle=st.floats(0, 7), m=st.integers(-3, 3), n=st.integers(-3, 3), eta=ratios)
-def test_turned_and_skewed_cells_describe_the_same_lattice(q, angle, m, n, eta):
-    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-    cell = np.array([[1, m], [0, 1]]) @ np.array([[1, 0], [n, 1]]) @ np.array(HEXAGON) @ turn.T
-    named, data = gp.ContactLattice.of("triangular", eta), gp.ContactLattice.of(gp.Lattice("mine", cell), eta)
-    assert_allclose(data.frequencies([turn @ q]) ** 2, named.frequencies([q]) ** 2, atol=1e-12)
-    along = np.array([0.6, 0.8])
-    assert_allclose(data.sound_velocities(turn @ along)[0], named.sound_velocities(along)[0], rtol=1e-13)
-    assert_allclose(data.elastic_tensor(), named.elastic_tensor(), atol=1e-13)
-
-
 def test_two_ball_supercell_folds_velocities_and_prestress():
     pair = gp.Lattice("pairs", ((2.0, 0.0), HEXAGON[1]), ((0.0, 0.0), (0.5, 0.0)))
     q = np.array([0.83, 0.41])

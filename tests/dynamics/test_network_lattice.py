@@ -171,19 +171,6 @@ def table_network(positions, cell, masses, contacts, normals, k, kappa=0.0, radi
     )  # fmt: skip
 
 
-def test_a_diatomic_chain_has_the_band_edges_of_two_masses():
-    k, m1, m2 = 3.0, 1.0, 2.5
-    chain = table_network(
-        [[0.0], [1.0]], [[2.0]], [m1, m2], [(0, 1, [0]), (1, 0, [1])], [[1.0]] * 2, k, dimension=1, motions="longitudinal"
-    )
-    lattice, scale = gp.ContactLattice.from_network(chain), chain.scales.angular_frequency
-    at_gamma, at_edge = lattice.frequencies(lattice.wavevectors([[0.0], [0.5]])) * scale
-    assert_allclose(at_gamma, [0.0, np.sqrt(2.0 * k * (1.0 / m1 + 1.0 / m2))], rtol=1e-15)
-    assert_allclose(at_edge, np.sqrt([2.0 * k / m2, 2.0 * k / m1]), rtol=1e-14)
-    velocity = lattice.sound_velocities([1.0])[0] * chain.scales.velocity
-    assert_allclose(velocity, np.sqrt(2.0 * k / (m1 + m2)), rtol=1e-14)  # over the cell of length 2
-
-
 def rock_salt(k, kappa, masses):
     """NaCl: each ball touches six of the other kind."""
     cell = np.array([[0, 1, 1], [1, 0, 1], [1, 1, 0]]) * 1.0
@@ -191,39 +178,6 @@ def rock_salt(k, kappa, masses):
     contacts = [(0, 1, np.rint(step).astype(int)) for step in steps]
     normals = [s * np.eye(3)[a] for a in range(3) for s in (1, -1)]
     return table_network([[0, 0, 0], [1, 0, 0]], cell, masses, contacts, normals, k, kappa)
-
-
-def caesium_chloride(k, kappa, masses):
-    """CsCl: each ball touches eight of the other kind."""
-    signs = np.stack(np.meshgrid(*[[1, -1]] * 3), axis=-1).reshape(-1, 3)
-    side = 2.0 / np.sqrt(3.0)
-    contacts = [(0, 1, (sign - 1) // 2) for sign in signs]
-    return table_network([[0, 0, 0], [side / 2] * 3], side * np.eye(3), masses, contacts, signs / np.sqrt(3.0), k, kappa)
-
-
-@pytest.mark.parametrize("make", [rock_salt, caesium_chloride])
-def test_optic_modes_of_two_masses_at_gamma(make):
-    k, kappa, masses = 2.0, 1.4, (1.0, 3.7)
-    network = make(k, kappa, masses)
-    modes = gp.ContactLattice.from_network(network).modes([[0.0] * 3], (1.0, 0.0, 0.0))
-    squares = modes.frequencies[0] ** 2 * network.scales.angular_frequency**2
-    stiffness = 2 * k + 4 * kappa if make is rock_salt else 8 / 3 * (k + 2 * kappa)
-    wanted = stiffness * (1 / masses[0] + 1 / masses[1])
-    optic = np.flatnonzero((modes.rotational_fraction[0] < 1e-9) & (squares > 1e-9))
-    assert_allclose(squares[optic], [wanted] * 3, rtol=1e-12)
-
-
-def test_fcc_pressed_along_one_axis():
-    # the contacts across [001] are open: eight of twelve carry. kappa/6 is the rotation of the balls
-    k, kappa = 1.0, 0.83
-    cell = np.array([[0, 1, 1], [1, 0, 1], [1, 1, 0]]) / np.sqrt(2.0)
-    steps = [(1, 0, 0), (0, 1, 0), (1, 0, -1), (0, 1, -1)]  # those with a part along z
-    normals = np.array(steps) @ cell
-    assert np.all(np.abs(normals[:, 2]) > 0.7)
-    network = table_network([[0, 0, 0]], cell, [1.0], [(0, 0, step) for step in steps], normals, k, kappa)
-    lattice = gp.ContactLattice.from_network(network)
-    velocities = lattice.sound_velocities((0.0, 0.0, 1.0))[0]
-    assert_allclose(np.sort(velocities**2), np.sort([k / 2 + kappa / 6, k / 2 + kappa / 6, k + kappa]), rtol=1e-13)
 
 
 # -- what is refused ----------------------------------------------------------------------------------------------------

@@ -12,12 +12,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 import granphon as gp
 from granphon.balls.lattices import LATTICES
 from granphon.base.errors import InputError, MechanismError
-from granphon.figures import slowness, zones
-from granphon.figures.bands import bands_figure, plot_asymptotes, plot_bands, plot_dos
+from granphon.figures import slowness
+from granphon.figures.bands import bands_figure, plot_asymptotes, plot_bands, plot_dos, plot_zone
+from granphon.figures.curves import sweep_figure
 from granphon.figures.modes import animate_mode, plot_mode
-from granphon.figures.sweeps import sweep_figure
 from granphon.figures.views import Painter, View
-from granphon.phonons.zones import zone_faces
+from granphon.phonons.paths import zone_faces
 from tests.figures.conftest import with_gid
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
@@ -102,7 +102,7 @@ def test_the_zone_in_space_is_the_wigner_seitz_cell(cell, corners):
 
 def test_the_zone_in_space_is_drawn_with_the_path(fcc, ax):
     bands, view = fcc.bands("GXWKGL", npoints=3), View(40.0, 20.0)
-    assert zones.plot_zone(bands, ax, view=view) is ax
+    assert plot_zone(bands, ax, view=view) is ax
     path = np.array(with_gid(ax, "path").get_segments())
     corners = np.array([fcc.special_points[name] for name in "GXWKGL"]) @ fcc.lattice.reciprocal / (2.0 * np.pi)
     assert_allclose(path, np.stack([view.project(corners[:-1]), view.project(corners[1:])], axis=1), atol=1e-12)
@@ -115,7 +115,7 @@ def test_the_zone_in_space_is_drawn_with_the_path(fcc, ax):
 )
 def test_the_corners_of_a_path_lie_apart_in_the_drawing_of_the_zone(lattice, path, ax):
     bands = gp.Phonons(state_of(lattice)).bands(path, npoints=2)
-    zones.plot_zone(bands, ax)
+    plot_zone(bands, ax)
     places = np.array([text.xy for text in ax.texts])
     width = np.ptp(with_gid(ax, "zone").get_paths()[0].vertices, axis=0).max()
     distance = np.linalg.norm(places[:, None] - places, axis=2) + 9.0 * np.eye(len(places))
@@ -123,7 +123,7 @@ def test_the_corners_of_a_path_lie_apart_in_the_drawing_of_the_zone(lattice, pat
 
 
 def test_the_zone_of_a_chain_is_a_line(chain, ax):
-    zones.plot_zone(chain.bands(npoints=3), ax)
+    plot_zone(chain.bands(npoints=3), ax)
     (outline, *_) = with_gid(ax, "zone").get_segments()
     assert_allclose(outline, [[-0.5, 0.0], [0.5, 0.0]], atol=1e-15)
     assert_allclose(with_gid(ax, "path").get_segments(), [[[0.0, 0.0], [0.5, 0.0]]], atol=1e-15)

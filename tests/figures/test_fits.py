@@ -8,11 +8,10 @@ from matplotlib.figure import Figure
 from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
-from granphon.figures.fits import fit_figure, plot_fit
+from granphon.figures.curves import fit_figure, plot_fit
 from granphon.fits.fit import fit_width
 from granphon.media.mean_field import EffectiveMedium
-from granphon.observables.pulses import pulse_velocities
-from granphon.observables.velocities import sound_velocities
+from granphon.observables.velocities import pulse_velocities, sound_velocities
 from tests.figures.conftest import drawn, texts
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)

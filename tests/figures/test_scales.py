@@ -53,7 +53,7 @@ def test_an_axis_of_values_that_differ_by_rounding_goes_a_twentieth_to_either_si
 def test_a_unit_with_a_prefix_divides_what_is_written_at_the_ticks(ax, values, unit, label, size):
     ax.plot([1.0, 2.0], values)
     scales.scale_axis(ax, "y", np.array(values))
-    scales.name_axis(ax, "y", np.array(values), "y", unit)
+    scales.name_axis(ax.yaxis, float(np.max(np.abs(values))), "y", unit)
     assert ax.get_ylabel() == label
     assert_array_equal(ax.lines[0].get_ydata(), values)
     ax.figure.canvas.draw()

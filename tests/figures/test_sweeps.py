@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import granphon as gp
 from granphon.array.sample import STEP
 from granphon.base.errors import FigureError, InputError
-from granphon.figures.sweeps import plot_exponent, plot_sweep, sweep_figure
+from granphon.figures.curves import plot_exponent, plot_sweep, sweep_figure
 from granphon.runs.sweep import sweep
 from tests.figures.conftest import drawn, texts
 
@@ -64,7 +64,7 @@ def test_values_of_a_parameter_are_shades_of_the_medium(widths, ax):
     brightness = [sum(to_rgb(line.get_color())) for line in lines]
     assert brightness[0] < brightness[1]
     assert brightness[2] < brightness[3]
-    assert texts(ax.get_legend())[2:] == ["width 1 µm", "width 4 µm", "outside its range"]
+    assert texts(ax.get_legend())[2:] == ["W = 1 µm", "W = 4 µm", "outside its range"]
     assert ax.get_xlabel() == "Pressure (N/m)"
 
 
@@ -72,7 +72,7 @@ def test_other_combinations_of_parameters_are_lines_too(ax):
     dataset = sweep(PACKING, force=FORCE, media=("ema",), width=[1e-6, 2e-6], friction=[True, False], density=[7840.0])
     plot_sweep(dataset, ax, "transverse")
     assert len(drawn(ax, "transverse-all")) == 4
-    labels = ["width 1 µm, friction True", "width 1 µm, friction False", "width 2 µm, friction True"]
+    labels = ["W = 1 µm, with friction", "W = 1 µm, without friction", "W = 2 µm, with friction"]
     assert texts(ax.get_legend())[:3] == labels
     many = sweep(PACKING, force=[3.0], media=("ema",), width=np.linspace(1e-6, 2e-6, 30).tolist())
     *named, last = texts(plot_sweep(many, Figure().subplots()).get_legend())
@@ -249,7 +249,7 @@ def test_what_is_the_same_in_all_directions_has_the_colours_of_the_media(directi
         drawn = [to_rgb(line.get_color()) for line in ax.lines if (line.get_gid() or "").endswith("-all")]
         assert drawn == wanted
         # directions are named where they are drawn
-        assert any(name.startswith("direction") for name in named) == (len(figure.axes) == 2)
+        assert any(name.startswith("along") for name in named) == (len(figure.axes) == 2)
 
 
 def test_a_long_legend_leaves_the_panels_their_room(directions):

@@ -19,13 +19,11 @@ import granphon as gp
 from granphon.balls.parameters import change_packing
 from granphon.base.errors import InputError, UnreachableFrequencyError
 from granphon.base.text import plain_yaml
-from granphon.fits.fit import WidthFit, convert_pressure, fit_width
-from granphon.fits.goodness import compute_leverages, find_rounding
+from granphon.fits.fit import WidthFit, compute_leverages, convert_pressure, find_rounding, fit_width
 from granphon.fits.measurements import Measurements
 from granphon.fits.velocity_model import VelocityModel, Waves
 from granphon.media.choice import MediumChoice
-from granphon.observables.pulses import pulse_velocities
-from granphon.observables.velocities import sound_velocities
+from granphon.observables.velocities import pulse_velocities, sound_velocities
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 #: the fit of Section IV, at forces of its range
@@ -337,15 +335,11 @@ NOISY = EXACT["ema"] + 4.0 * np.random.default_rng(11).normal(size=12)
         ({"frequency": [1.0, 2.0]}, "2 of frequency"),
         ({"velocity": np.where(FORCE > 10, np.nan, 500.0)}, "velocity: found nan"),
         ({"force": -FORCE}, "force: found -2.0"),
-        ({"velocity": 0.0 * FORCE}, "velocity: found 0.0"),
         ({"sigma": 0.0}, "sigma: found 0.0"),
-        ({"frequency": -1.0}, "frequency: found -1.0"),
         ({"force": FORCE.reshape(3, 4)}, "force: found"),
-        ({"force": ["2"] * 12}, "force: found"),
         ({"force": [], "velocity": []}, "force: found"),
         ({"force": 2.0, "velocity": 500.0}, "found 1 measurement, to which width cannot be fitted. Without sigma one more"),
         ({"force": 2.0, "velocity": 500.0, "sigma": 1.0, "parameters": ("width", "diameter")}, "width and diameter cannot"),
-        ({"parameters": ("width", "young")}, "'young' cannot be fitted"),
         ({"parameters": ("width", "young_modulu")}, "Did you mean young_modulus"),
         ({"parameters": ()}, "Give one or more"),
         ({"parameters": ("width", "width")}, "at most once"),
@@ -357,13 +351,9 @@ NOISY = EXACT["ema"] + 4.0 * np.random.default_rng(11).normal(size=12)
         ({"velocity": IDEAL, "sigma": 5.0}, "the width cannot be told from zero"),
         ({"velocity": 1.1 * IDEAL}, "on average 10 % above those of equal balls"),
         ({"velocity": 1.001 * IDEAL, "sigma": 5.0}, "0.1 % above those of equal balls"),
-        ({"velocity": 0.9995 * IDEAL, "sigma": 5.0}, "the width cannot be told from zero: the best is"),
         ({"velocity": EXACT["ema"] / 20.0}, "no width fits: the sum of squares still falls at .* [mu]m, .* Check the units"),
         ({"velocity": EXACT["ema"] / 1e3}, "are 0.000888 to 0.000996 times those of equal balls. Check the units"),
-        ({"velocity": EXACT["ema"] * 1e3}, "times those of equal balls. Check the units"),
         ({"force": EXACT["ema"], "velocity": FORCE}, "times those of equal balls. .* columns are not swapped"),
-        ({"velocity": EXACT["ema"] / 1e12}, "times those of equal balls"),
-        ({"velocity": EXACT["ema"] * 1.5}, "above those of equal balls"),
         ({"velocity": EXACT["ema"][::-1]}, "the width cannot be told from zero"),
         ({"sigma": 200.0, "parameters": ("width", "young_modulus")}, "its standard error|told from zero"),
         ({"parameters": ("width", "young_modulus", "diameter"), "sigma": 1.0}, "velocities of long waves depend on"),
@@ -490,20 +480,12 @@ def test_errors_that_rest_on_rounding_are_not_known(speeds, tmp_path):
     assert_allclose(known.width, fit.width, rtol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("values", "unit"),
-    [
-        ([480.0, 490.0], 10.0),
-        ([480.1, 500.0], 0.1),
-        ([1000.0, 2000.0], 1000.0),
-        ([480.12, 480.1], 0.01),
-        ([1.5e-3, 2e-3], 1e-4),
-        ([0.3048 * 1601, 0.3048 * 1603], 1e-4),
-        ([np.pi, 3.0], 1e-11 * np.pi),
-    ],
-)
-def test_the_unit_of_the_last_decimal(values, unit):
-    assert_allclose(find_rounding(np.array(values)), unit, rtol=1e-12)
+def test_the_unit_of_the_last_decimal():
+    for values, unit in (
+        ([480.0, 490.0], 10.0), ([480.12, 480.1], 0.01), ([1.5e-3, 2e-3], 1e-4), ([1e3, 2e3], 1e3),
+        ([0.3048 * 1601, 0.3048 * 1603], 1e-4), ([np.pi, 3.0], 1e-11 * np.pi),
+    ):  # fmt: skip
+        assert_allclose(find_rounding(np.array(values)), unit, rtol=1e-12)
 
 
 def test_leverages_are_the_diagonal_of_the_projection():
@@ -524,14 +506,6 @@ def test_one_far_load_decides_alone():
     assert [w for w in fit.warnings if w.startswith("datum 7") and f"its leverage is {leverage:.4g}"[:-1] in w]
     several = fit_width(BALLS, FORCE, NOISY, 4.0)
     assert not any("leverage" in warning for warning in several.warnings)
-
-
-def test_one_tiny_sigma_decides_alone():
-    sigma = np.full(12, 4.0)
-    sigma[4] = 1e-9
-    fit = fit_width(BALLS, FORCE, NOISY, sigma)
-    assert_allclose(fit.velocities[4], NOISY[4], rtol=1e-9)
-    assert any(w.startswith("datum 5") and "its leverage is 1," in w for w in fit.warnings)
 
 
 @pytest.mark.parametrize(("sigma", "factor", "rtol"), [(None, 0.95, 0.02), (4.0, 0.9, 0.05), (0.4, 0.9, 0.05)])
@@ -740,7 +714,7 @@ def test_samples_of_no_width_are_not_simulated_in_the_exact_geometry(factor):
 
 
 def test_parameters_that_do_not_settle_are_refused(monkeypatch):
-    monkeypatch.setattr("granphon.fits.least_squares._MOST_SIMULATED", 1)
+    monkeypatch.setattr("granphon.fits.fit._MOST_SIMULATED", 1)
     given = {"simulation": {"shape": (4, 4), "geometry": "exact"}}
     with pytest.raises(InputError, match=r"width still changed after 1 .*Give the simulation more balls"):
         fit_width(BALLS, HIGH[4:], velocities(WIDE, given, HIGH[4:]), 1.0, medium=given)
@@ -908,10 +882,7 @@ def test_the_width_may_be_named_among_the_parameters(folder, capsys):
         (("scene.yaml", "data.csv", "--column", "forse=F"), "Did you mean force"),
         (("scene.yaml", "data.csv", "--frequency", "6.5"), "--frequency: found '6.5', without a unit"),
         (("scene.yaml", "data.csv", "--parameter", "density"), "'density' cannot be fitted"),
-        (
-            ("scene.yaml", "data.csv", *2 * ("--parameter", "diameter")),
-            "--parameter diameter is given 2 times. Give it once.",
-        ),
+        (("scene.yaml", "data.csv", *2 * ("--parameter", "diameter")), "--parameter diameter is given 2 times. Give it"),
         (("scene.yaml", "data.csv", "--no-width", "--parameter", "width"), "Leave one out."),
         (("scene.yaml", "bare.csv"), "no unit for 'force' and 'velocity'."),
         (("scene.yaml", "data.csv", "-o", ""), "--out is empty"),

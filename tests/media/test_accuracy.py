@@ -24,7 +24,7 @@ from granphon.media.accuracy import DEVIATIONS, FRICTIONLESS, accuracy, compute_
 from granphon.media.choice import even_shape
 from granphon.media.friction_history import FrictionHistory
 from granphon.media.left_out import expect_shear_deficit
-from granphon.tradeoffs.ensemble import Ensemble, observe
+from granphon.tradeoffs.measure import Ensemble, observe
 
 WIDTH = 2e-6
 FACES = ((0.0, 0.0, 0.0), (0.5, 0.5, 0.0), (0.5, 0.0, 0.5), (0.0, 0.5, 0.5))
@@ -270,8 +270,8 @@ def test_equal_balls_and_balls_on_a_line_have_no_error(steel, kind):
         (balls(lattice="bcc"), "bcc lattice"),
         (balls(lattice=gp.Lattice("cube", np.sqrt(2.0) * np.eye(3), FACES)), "cube lattice"),
         (replace(balls(lattice="fcc"), torsion=0.1), "neither twist nor rolling"),
-        (replace(balls(lattice="hcp"), torsion="mindlin"), "neither twist nor rolling"),
         (replace(balls(), bending=0.1), "neither twist nor rolling"),
+        (replace(balls(), motions="all"), "move in the plane alone"),
         (balls(gp.Discrete((7.999e-3, 8.009e-3), (0.9, 0.1))), "skewness 2.67"),
         (balls(gp.Discrete((7.991e-3, 8.001e-3), (0.1, 0.9))), "skewness -2.67"),
         (balls(gp.Discrete((7.99e-3, 8e-3, 8.01e-3), (0.05, 0.9, 0.05))), "excess kurtosis 7"),
@@ -280,6 +280,8 @@ def test_equal_balls_and_balls_on_a_line_have_no_error(steel, kind):
 def test_what_is_not_covered_says_why_and_has_an_infinite_error(packing, told):
     assert told in accuracy().explain_uncovered(packing)
     assert_array_equal(accuracy().error("ema", packing, Load("force", [10.0, 1e4])), [np.inf, np.inf])
+    with pytest.raises(InputError, match=r"not known here: .*Name a medium"):
+        gp.AutoMedium(packing, 0.5).at_force(10.0)
 
 
 @every_lattice

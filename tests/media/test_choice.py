@@ -73,11 +73,6 @@ def test_labels_say_what_is_not_the_default():
             "medium.simulation.sampels: found an unknown key; allowed: shape, seed, samples, geometry, friction_history,",
         ),
         ({"simulation": {"samples": 1.0}}, "medium.simulation.samples: found 1.0; allowed: a whole number from 1 to 10000."),
-        ({"simulation": {"seed": -1}}, "medium.simulation.seed: found -1; allowed: a whole number from 0 to"),
-        (
-            {"simulation": {"shape": (16, 0)}},
-            "shape: found [16, 0]; allowed: two whole numbers from 1 to 20000, such as 128",
-        ),
         (
             {"simulation": {"shape": (16, 16, 1, 1)}},
             "shape: found [16, 16, 1, 1]; allowed: one to three whole numbers from 1 to 20000, one for each period of the",

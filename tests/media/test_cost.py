@@ -113,10 +113,10 @@ def test_time_grows_towards_the_threshold_with_size_and_with_friction():
     assert times[-1] > times[-2]  # below the threshold: taken to be at it
     at = (0.5 - 0.5) * WIDTH
     small, large = (estimate(simulation(shape), Load("overlap", at)) for shape in ((64, 64), (1024, 1024)))
-    # each step takes as long as 4500 balls more
-    assert large.seconds == pytest.approx(256 * small.seconds * (1 + 4500 / 2**20) / (1 + 4500 / 4096))
+    # each step takes as long as 2000 balls more
+    assert large.seconds == pytest.approx(256 * small.seconds * (1 + 2000 / 2**20) / (1 + 2000 / 4096))
     few = estimate(simulation((8, 8)), Load("overlap", at))
-    assert few.seconds > 0.4 * small.seconds
+    assert few.seconds > 0.3 * small.seconds
     bare = estimate(simulation(friction=False), Load("overlap", at))
     assert bare.seconds < small.seconds
 
@@ -211,11 +211,11 @@ RANGE = "{from: 5 N, to: 9 N, points: 3000}"
     ("lattice", "friction", "load", "observe", "phonopy"),
     [
         pytest.param("triangular", "true", "5 N", "bands", "band_points: 600", marks=pytest.mark.exhaustive),
-        ("triangular", "false", "5 N", "bands", "band_points: 600"),
+        ("triangular", "false", "5 N", "bands", "band_points: 300"),
         pytest.param("kagome", "true", "5 N", "bands", "band_points: 150", marks=pytest.mark.exhaustive),
         pytest.param("triangular", "true", "5 N", "dos", "mesh: 200 200 1", marks=pytest.mark.exhaustive),
         pytest.param("triangular", "true", "5 N", "dos", "mesh: 60 61 1", marks=pytest.mark.exhaustive),
-        ("triangular", "true", "5 N", "bands", "dim: 24 24 1, band_points: 2"),
+        ("triangular", "true", "5 N", "bands", "dim: 16 16 1, band_points: 2"),
         pytest.param("triangular", "true", RANGE, "velocities", "", marks=pytest.mark.exhaustive),
         ("triangular", "true", RANGE, "velocities, bands", "band_points: 40"),
     ],

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import json
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -577,7 +579,7 @@ def test_the_smallest_ball_of_a_structure_touches_like_balls_too(name, ratio):
 def test_balls_in_a_wrong_unit_are_doubted():
     state = gp.Crystal.on("fcc", [gp.Ball(STEEL, 8.0)]).at_force(10.0)
     assert not state.valid
-    assert "diameter of ball A is 8 m, more than 1 m: the unit is probably wrong" in state.warnings[0]
+    assert "diameter is 8 m, more than 1 m: the unit is probably wrong, SI units are expected (ball A)" in state.warnings[0]
 
 
 def test_a_resonator_on_each_ball_opens_a_gap():
@@ -762,9 +764,27 @@ def test_doubts_are_said():
     weak = gp.Ball(gp.Material(211.65e9, 0.276, 7840.0, yield_strength=300e6), 8e-3)
     state = gp.Crystal.on("fcc", [weak]).at_force([0.01, 100.0])
     assert state.valid.tolist() == [True, False]
-    assert "of the yield strength" in state.warnings[0]
+    assert "At 1 of 2 loads the mean pressure in a contact is" in state.warnings[0]
     table = gp.TabulatedLaw([1e-8, 1e-7], [1e-4, 1e-2])
-    assert "beyond the table" in gp.Crystal.on("fcc", [PLAIN], law=table).at_force(1.0).warnings[0]
+    assert "beyond its table" in gp.Crystal.on("fcc", [PLAIN], law=table).at_force(1.0).warnings[0]
+
+
+@pytest.mark.parametrize(
+    "law",
+    [None, {tuple(pair.split()): gp.PowerLaw(1.5, 1e9 * len(pair)) for pair in ("A A", "B A", "B B", "A floor", "floor B")}],
+)
+def test_a_state_is_plain_data_and_back(law):
+    other = gp.Ball(PLAIN.material, 8e-3, mass=1e-2, spread=gp.Uniform(1e-6))
+    sample = gp.Crystal.on("hcp", [PLAIN, other], law=law).sample((2, 2, 2))
+    slab = sample.cut(0, 2, ("floor", "free")).remove(3)
+    for state, unit in ((slab.at_pressure(1e5), "N/m"), (sample.at_pressure([1e5, 2e5], finite_overlap=True), "Pa")):
+        back = type(state).from_dict(json.loads(json.dumps(state.to_dict())))
+        assert back == state
+        assert pickle.loads(pickle.dumps(state)) == state
+        assert back.to_dict()["units"]["stress"] == unit
+        assert_allclose(*(one.at_pressure(1e5).normal_force for one in (back.crystal, state.crystal)), rtol=1e-12)
+    with pytest.raises(InputError, match="Saturating"):
+        gp.CrystalState.from_dict(gp.Crystal.on("square", [PLAIN], law=Saturating()).at_force(1e-3).to_dict())
 
 
 SQUARE = gp.Crystal.on("square", [PLAIN])
@@ -851,6 +871,16 @@ ERRORS = {
     "largest force": (
         lambda: gp.Crystal.on("square", [PLAIN], law=Saturating()).at_force(20.0),
         "a contact law does not reach the forces under a mean force of 20 N.* about 20 N",
+    ),
+    "moduli apart": (
+        lambda: gp.Crystal.on("chain", [PLAIN, PLAIN, gp.Ball(gp.Material(2e-7, 0.3, 8000.0), 8e-3)]).at_pressure(1e-6),
+        "stiffnesses of contacts differ by a factor of .* up to 1e.10",
+    ),
+    "weights apart": (
+        lambda: gp.Crystal.on("fcc", [PLAIN]).repeat((3, 3, 1)).cut((1, 1, 1), 4, ("floor", "free")).at_pressure(
+            3e4, gravity=(0.0, 0.0, -1e-9)
+        ),
+        "the forces of the load on balls differ by a factor of .* up to 1e.06",
     ),
     "vector": (lambda: SQUARE.cut(1, 3, "floor").at_pressure(1.0, gravity=-G), "gravity has the shape"),
     "axis": (lambda: SQUARE.cut(2, 3), "axis is 2. Give the number of a vector of the cell, 0 to 1"),

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import itertools
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
-from granphon.base.errors import InputError
-from granphon.media.network_state import as_state
+from granphon.base.errors import InputError, MechanismError
+from granphon.media.state import as_state
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 GLASS = gp.Material(young_modulus=70e9, poisson_ratio=0.22, density=2500.0)
@@ -93,10 +94,10 @@ def test_kinds_without_spread_are_a_crystal(kind, follows):
     assert_allclose(equal.normal_force.reshape(9, -1), np.tile(bare.normal_force, (9, 1)), rtol=1e-12)
 
 
-@pytest.mark.parametrize("follows", [False, True])
-def test_balls_of_two_kinds_are_at_rest_where_all_pairs_of_spheres_push(follows):
+@pytest.mark.parametrize(("follows", "pressure"), [(False, 300.0), (True, 300.0), (True, 10.0)])
+def test_balls_of_two_kinds_are_at_rest_where_all_pairs_of_spheres_push(follows, pressure):
     crystal = square(4e-6).sample((4, 4), seed=2)
-    state = crystal.at_pressure(300.0, finite_overlap=follows)
+    state = crystal.at_pressure(pressure, finite_overlap=follows)
     some_open = np.count_nonzero(state.normal_force == 0.0)
     assert some_open
     n, diameters = crystal.n_balls, 2.0 * crystal.radii
@@ -128,7 +129,7 @@ def test_balls_of_two_kinds_are_at_rest_where_all_pairs_of_spheres_push(follows)
     assert_allclose(np.sort(sizes)[::2], np.sort(state.normal_force), rtol=0.0, atol=1e-9 * mean)
     assert np.max(np.abs(pull)) < 1e-9 * mean
     area = np.linalg.det(cell if follows else crystal.cell)
-    assert_allclose(virial / area, -300.0 * np.eye(2), rtol=0.0, atol=1e-7)
+    assert_allclose(virial / area, -pressure * np.eye(2), rtol=0.0, atol=1e-7)
 
 
 @pytest.mark.claim("crystal-samples")
@@ -151,6 +152,12 @@ def test_means_are_over_all_contacts_and_are_met(follows):
     assert_allclose(np.mean(state.normal_force), 1.0, rtol=1e-11)
     state = crystal.at_overlap(1e-6, finite_overlap=follows)
     assert_allclose(np.mean(state.overlap), 1e-6, rtol=2e-11)
+
+
+@pytest.mark.parametrize("lattice", ["fcc", "hcp"])
+def test_a_mean_overlap_is_found_from_far_away(lattice):
+    state = gp.Crystal.on(lattice, [BALL]).sample((4, 4, 4), seed=1).at_overlap(2e-7)
+    assert_allclose(np.mean(state.overlap), 2e-7, rtol=2e-11)
 
 
 def test_a_sample_of_many_balls_does_not_drift():
@@ -207,13 +214,25 @@ def cluster():
         (lambda: square(WIDTH).sample((2, 2), diameters=np.full((2, 2, 2), D)), "and no shape"),
         (lambda: square(WIDTH).sample(diameters=np.full((2, 2), D)), r"Give an array \(L1, L2, 2\)"),
         (lambda: square(WIDTH).sample(diameters=np.full((2, 2, 2), np.nan)), "diameters"),
+        (lambda: gp.Crystal.on("NaCl", [BALL, gp.Ball(GLASS, D)]).sample((2, 2, 2)).at_pressure(1e5, finite_overlap=True),
+         "does not stand without friction.*Leave finite_overlap out"),
         (lambda: gp.Crystal.on("CsCl", [BALL, gp.Ball(GLASS, D)]).sample((3, 3, 3)).at_force(0.1, finite_overlap=True),
-         "Leave finite_overlap out"),
+         "does not stand without friction.*Leave finite_overlap out"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_said(make, told):
-    with pytest.raises(gp.GranphonError if "finite_overlap" in told else InputError, match=told):
+    with pytest.raises(MechanismError if "stand" in told else InputError, match=told):
         make()
+
+
+@pytest.mark.claim("crystal-samples")
+@pytest.mark.parametrize(("lattice", "stands"), [("sc", False), ("bcc", False), ("fcc", True), ("hcp", True)])
+def test_samples_stand_in_the_true_geometry_where_a_simulation_does(lattice, stands):
+    sample = gp.Crystal.on(lattice, [BALL]).sample((2, 2, 2))
+    packing = gp.Packing(STEEL, D, spread=BALL.spread, lattice=lattice)
+    for make in (lambda: gp.DirectSimulation(packing, (2, 2, 2)), lambda: sample.at_pressure(1e6, finite_overlap=True)):
+        with nullcontext() if stands else pytest.raises(MechanismError, match="stand without friction"):
+            make()
 
 
 def test_a_cluster_has_a_sample():

@@ -24,10 +24,9 @@ from granphon.balls.loads import Load
 from granphon.base.errors import ConvergenceError, InputError, MechanismError, SceneError
 from granphon.dynamics.tensors import symmetrise
 from granphon.figures.bands import bands_figure
-from granphon.figures.curves import describe_lines
-from granphon.figures.sweeps import sweep_figure
+from granphon.figures.curves import describe_lines, sweep_figure
 from granphon.media.choice import MediumChoice
-from granphon.runs.samples import RecordedState, SampleRecord
+from granphon.runs.tasks import SampleRecord
 from granphon.scene.redraw import read_run, redraw
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
@@ -126,11 +125,6 @@ def test_samples_run_side_by_side_with_the_same_numbers():
     assert simulation(samples=2).at_overlap(0.1 * W) == alone
     assert simulation(0.3) != simulation(0.2)
     assert hash(simulation()) == hash(simulation())
-
-
-def test_plain_data_come_back():
-    state = cycle()[1]
-    assert type(state).from_dict(json.loads(json.dumps(state.to_dict()))) == state
 
 
 def test_progress_is_told():
@@ -346,7 +340,7 @@ def test_the_network_keeps_tangential_forces():
 def test_records_average_what_states_do():
     simulated = simulation(samples=2).at_overlap(0.1 * W)
     records = [SampleRecord.of(sample) for sample in simulated.samples]
-    recorded = RecordedState.of(simulated.law.simulation, records, Load("overlap", 0.1 * W))
+    recorded = gp.SimulatedState.of(simulated.law.simulation, records, Load("overlap", 0.1 * W))
     for name in ("sliding_fraction", "tangential_ratio", "work", "dissipated_energy", "normal_stiffness"):
         assert getattr(recorded, name) == getattr(simulated, name)
 
@@ -361,7 +355,7 @@ def test_the_limit_of_small_spread_matters_where_contacts_resist_slip():
         names[mu, response] = {check.name for check in gp.validity(state).checks}
         springs = state.sample.equilibrium.shear_ratios(response)[state.sample.equilibrium.contacts.carried]
         assert balls.resists_slip == bool(np.any(springs)) == ("shear" in names[mu, response])
-        record = RecordedState.of(balls, [SampleRecord.of(state.samples[0])], Load("overlap", 0.05 * W))
+        record = gp.SimulatedState.of(balls, [SampleRecord.of(state.samples[0])], Load("overlap", 0.05 * W))
         assert gp.validity(record).warnings == gp.validity(state).warnings
     assert [found for found in names if "shear" in names[found]] == [(0.0, "stick"), (0.2, "slide")]
     exact = gp.DirectSimulation(smooth, (6, 6), geometry="exact").at_overlap(0.05 * W)
@@ -447,23 +441,15 @@ def test_at_high_load_such_lattices_respond_as_that_of_equal_balls(lattice, shap
     ("given", "why"),
     [
         ({"friction_coefficient": -0.1}, "friction_coefficient: found -0.1; allowed: a number, zero or above, or inf"),
-        ({"friction_coefficient": math.nan}, "friction_coefficient: found"),
-        ({"friction_coefficient": "rough"}, "friction_coefficient: found 'rough'"),
         ({"friction_coefficient": None}, "friction_coefficient: found no friction_coefficient"),
         ({"friction_history": False}, "without friction_history"),
         (
             {"friction_history": False, "friction_coefficient": None, "start": 0.6},
             "start: found 0.6 without friction_history",
         ),
-        ({"friction_history": 1}, "friction_history: found 1; allowed: true or false"),
-        ({"start": math.nan}, "start: found"),
         ({"start": "half"}, "start: found 'half'; allowed: a reduced spacing"),
-        ({"start": {"side_force": 1.0}}, "start: found"),
         ({"start": {"force": -1.0}}, "start.force: found -1.0; allowed: one force in SI"),
-        ({"start": Load("force", [1.0, 2.0])}, "start: found 2 loads; allowed: one load"),
         ({"shear_response": "glue"}, "shear_response: found 'glue'; allowed: stick, slide, partial_slip"),
-        ({"step_tolerance": 0.0}, "step_tolerance: found 0"),
-        ({"ordered": "yes"}, "ordered: found 'yes'"),
         ({"geometry": "curved"}, "geometry: found 'curved'; allowed: lattice, exact"),
         ({"geometry": "exact", "packing": gp.Packing(STEEL, 8e-3)}, "exact geometry of equal balls is not simulated"),
         ({"start": "liquid"}, "start: found 'liquid'; allowed: a reduced spacing .* or gas"),
@@ -479,7 +465,6 @@ def test_bad_options(given, why):
     [
         ({"force": [1.0, 2.0]}, r"start.force: found \[1.0, 2.0\]; allowed: one force in SI.* A loading starts at one load"),
         ({"force": []}, r"start.force: found \[\]; allowed: one force"),
-        ({"force": "1 N"}, "start.force: found '1 N'; allowed: one force in SI, as a plain number"),
         ({}, "start: found an empty block; allowed: one of {force"),
         ({"force": 1.0, "overlap": 1e-7}, "start: found force and overlap; allowed: one of"),
         ({"overlap": 1e-2}, "start of the loading: overlap = 0.01 m presses the balls together by 1.25 diameters"),
@@ -602,8 +587,6 @@ def test_a_path_that_cannot_go_on_keeps_what_there_is(monkeypatch):
     [
         ({}, "there is no load"),
         ({"force": [1.0], "overlap": [1e-7]}, "loads are given as force and overlap"),
-        ({"force": []}, "force"),
-        ({"force": [1.0, math.nan]}, "force: found nan among 2 numbers"),
         ({"force": [1.0, -1.0]}, "tensile"),
     ],
 )
@@ -833,19 +816,11 @@ def test_a_fit_below_the_start_says_which_datum():
     ("given", "why"),
     [
         (options("friction_history: true"), r"medium.simulation.friction_coefficient: found no friction_coefficient"),
-        (options("friction_coefficient: 0.2"), r"friction_coefficient: found 0.2 without friction_history"),
-        (
-            options(*HISTORY, "start: {force: [1 N, 2 N]}"),
-            r"start.force: found \['1 N', '2 N'\]; allowed: one force. A loading",
-        ),
         (options(*HISTORY, "start: {overlap: 20 mm}"), r"found {overlap: 20 mm}; .* the start of the loading: overlap"),
-        (options(*HISTORY, "start: 1 N"), "start: found '1 N'; allowed: a reduced spacing"),
         (options(*HISTORY, "start: {force: 1}"), "start.force: found 1"),
-        (options(*HISTORY, "start: {force: 1 m}"), "start.force: found '1 m'"),
         (options("friction_histroy: true"), "Did you mean 'friction_history'"),
         ("{auto: {friction_history: true}}", "medium.auto.friction_coefficient: found no friction_coefficient"),
         ("{auto: {friction_history: true, friction_coefficient: 0.05}}", "friction coefficients from 0.1 on, not for 0.05"),
-        ("{ema: {friction_history: true}}", "found an unknown key"),
     ],
 )
 def test_mistakes_in_a_scene(given, why):

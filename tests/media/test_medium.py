@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import json
 import math
@@ -103,15 +102,6 @@ def test_equal_balls(packing, smooth):
     assert gp.AveragedLattice(smooth).at_force(1.0).shear_stiffness == 0.0
 
 
-def test_state_is_frozen_and_its_arrays_read_only(packing):
-    state = gp.AveragedLattice(packing).at_force([1.0, 2.0])
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        state.force = 1.0
-    for name in ("force", "overlap", "normal_stiffness"):
-        with pytest.raises(ValueError, match="read-only"):
-            getattr(state, name)[0] = 0.0
-
-
 def test_scales_belong_to_one_load(packing):
     state = gp.AveragedLattice(packing).at_force(18.446)
     scales = state.scales
@@ -129,19 +119,13 @@ def test_scales_belong_to_one_load(packing):
 @pytest.mark.parametrize(
     ("value", "text"),
     [
-        (math.nan, "finite"),
-        (math.inf, "finite"),
-        (-math.inf, "finite"),
         ([1e-6, math.nan], "finite"),
-        (0.0, "zero"),
-        (-0.0, "zero"),
         ([1e-6, 0.0], "zero"),
-        (-1e-6, "tensile"),
+        (-0.0, "zero"),
         ([1e-6, -1e-300], "tensile"),
         ([], "finite"),
         (np.empty((0, 3)), "finite"),
         ("10 N", "number"),
-        (None, "number|finite"),
     ],
 )
 def test_impossible_loads(packing, name, value, text):
@@ -169,21 +153,6 @@ def test_balls_cannot_overlap_by_their_diameter(packing):
         medium.at_pressure(1.001 * limit.pressure)
 
 
-@pytest.mark.parametrize("load", [5e-324, 1e308])
-@pytest.mark.parametrize("name", NAMED)
-def test_loads_beyond_double_precision(packing, name, load):
-    with pytest.raises(InputError):
-        getattr(gp.AveragedLattice(packing), f"at_{name}")(load)
-
-
-@pytest.mark.parametrize(
-    "load", [True, "18.4", 1 + 2j, np.ma.masked_array([1.0, 5.0], mask=[0, 1]), np.datetime64("2020-01-01")]
-)
-def test_loads_of_the_wrong_kind(packing, load):
-    with pytest.raises(InputError, match="real number"):
-        gp.AveragedLattice(packing).at_force(load)
-
-
 def test_a_state_does_not_share_the_callers_memory(packing):
     load = np.array([1.0, 2.0])
     view = load.view()
@@ -203,7 +172,6 @@ SPREADS = {
 }
 LAW_MEDIA = (gp.AveragedLattice, gp.AveragedForce, gp.EffectiveMedium)
 every_law = pytest.mark.parametrize("make", LAW_MEDIA)
-every_spread = pytest.mark.parametrize("spread", SPREADS)
 
 
 def differing(steel, width=2.04e-6, spread="uniform", **options):
@@ -246,17 +214,6 @@ def test_equal_balls_are_the_limit_of_width_zero(steel, make, spread):
     far = [make(differing(steel, w, spread)).at_force(18.446).stiffness_ratio - 1.0 for w in (4e-7, 2e-7)]
     if make is not gp.AveragedLattice:
         assert math.log2(far[0] / far[1]) == pytest.approx(2.0, abs=0.01)
-
-
-@every_law
-@pytest.mark.parametrize(
-    "spread", [None, gp.Uniform(0.0), gp.Normal(0.0), gp.Discrete((8e-3,), (1.0,)), gp.Measured((8e-3,) * 3)]
-)
-def test_no_width_is_exactly_equal_balls(steel, make, spread):
-    state = make(gp.Packing(steel, 8e-3, spread=spread)).at_force([1.0, 18.446])
-    equal = gp.AveragedLattice(gp.Packing(steel, 8e-3)).at_force([1.0, 18.446])
-    for name in (*SI, *REDUCED):
-        assert np.array_equal(getattr(state, name), getattr(equal, name))
 
 
 @every_law

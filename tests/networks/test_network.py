@@ -242,7 +242,13 @@ def test_waves_in_a_network_have_the_warnings_of_the_state(force):
     warning = gp.validity(state)["contact_radius"].warning
     assert (warning is None) == (force == 1.0)
     network = state.network.repeat((4, 3))
-    assert gp.Waves(network).warnings == (() if warning is None else (warning,))
+    waves, wanted = gp.Waves(network), () if warning is None else (warning,)
+    assert waves.warnings == wanted
+    q = waves.nearest_wavevectors([[200.0, 0.0]])
+    results = waves.dos(), waves.dos().with_moments(300), waves.modes(2), waves.spectral_function(q)
+    assert all(one.warnings == wanted for one in results)
+    assert waves.transmit(3e4, (0, 1), 7e-3, 1).warnings[: len(wanted)] == wanted
+    assert all(str(wanted[0])[:60] in repr(one) for one in results if wanted)
     # springs of one stiffness under forces that differ are no contacts of Hertz
     forces = force * np.linspace(0.5, 1.5, network.n_contacts)
     assert not gp.Waves(replace(network, normal_force=forces, prestress=False)).warnings

@@ -132,7 +132,29 @@ def test_packings_at_rest_are_not_refused_for_their_tangential_forces(pressed):
         gp.Waves(replace(network, tangential_force=None)).modes(3)
     waves = gp.Waves(network)
     assert waves.modes(3).zero_modes >= 4
-    assert np.linalg.eigvalsh(waves.operator.matrix.toarray())[0] > -waves.operator.slack
+    top, (D, whole) = waves.operator.top**2, (one.toarray() for one in (waves.operator.matrix, waves.operator.whole))
+    assert np.linalg.eigvalsh(D)[0] < -1e-7 * top < -1e-10 * top < np.min(np.linalg.eigvals(whole).real)
+    # a twentieth of the tangential forces away from balance, the ball falls
+    pulled = replace(network, tangential_force=0.95 * network.tangential_force)
+    assert np.min(np.linalg.eigvals(WaveOperator(pulled).whole.toarray()).real) < -1e-7 * top
+    with pytest.raises(InstabilityError):
+        gp.Waves(pulled).modes(3)
+
+
+@pytest.mark.claim("network-without-forces")
+def test_what_a_network_without_static_forces_leaves_out(pressed):
+    network = pressed[0].without_rattlers()
+    whole, normal, none = (
+        np.linalg.eigvalsh(WaveOperator(one).matrix.toarray())
+        for one in (
+            network, replace(network, tangential_force=np.zeros_like(network.normal)), replace(network, prestress=False)
+        )
+    )  # fmt: skip
+    solid = whole > 1e-5 * whole[-1]
+    off = [float(np.max(np.abs(np.sqrt(one[solid] / whole[solid]) - 1.0))) for one in (normal, none)]
+    assert 0.01 < 1.0 - np.mean(network.distance / (network.radii[network.i] + network.radii[network.j])) < 0.03
+    assert off[0] < (1e-3 if network.dimension == 2 else 5e-3)
+    assert 0.03 < off[1] < 0.05
 
 
 def test_prestress_without_tangential_forces_is_a_warning(tmp_path):

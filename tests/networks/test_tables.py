@@ -237,14 +237,10 @@ def test_files_that_are_no_table_of_balls(name, tmp_path):
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize(
-    ("cell", "said"),
-    [("2,0,-1", ":2: radius: found"), ("2,0,one", ":2: radius: found 'one'"), ("2,0", ":2: radius: found nothing")],
-)
-def test_cells_of_a_table_that_cannot_be_read(cell, said, tmp_path):
+def test_cells_of_a_table_that_cannot_be_read(tmp_path):
     path = tmp_path / "balls.csv"
-    path.write_text(f"x (mm),y (mm),radius (mm)\n{cell}\n")
-    with pytest.raises(gp.GranphonError, match=said):
+    path.write_text("x (mm),y (mm),radius (mm)\n2,0,-1\n")
+    with pytest.raises(gp.GranphonError, match=":2: radius: found"):
         gp.ContactNetwork.from_table(path, {"i": [], "j": []}, material=GLASS)
     for number in ("1_0", "\u0661"):
         path.write_text("x (mm),y (mm),radius (mm)\n0,0,1\n2,0,1\n")
@@ -335,3 +331,20 @@ def test_kinds_of_balls_are_names_or_numbers_of_a_column():
     for kinds, said in ((["7"], "kinds of the ContactNetwork has the shape"), (["7", "=1+1", "7"], "the name of a kind")):
         with pytest.raises(InputError, match=said):
             replace(network, kinds=kinds)
+
+
+@pytest.mark.parametrize(("columns", "kinds"), [("type", ("1", "2")), ("type element", ("Fe", "Al")), ("mol", None)])
+def test_elements_or_types_of_a_dump_are_kinds(columns, kinds, tmp_path):
+    head = "ITEM: TIMESTEP\n0\nITEM: NUMBER OF {}\n{}\nITEM: BOX BOUNDS pp ff ff\n0 4\n-1 1\n-1 1\n"
+    atoms = [{"type": "1", "element": "Fe", "mol": "1"}, {"type": "2", "element": "Al", "mol": "1"}]
+    rows = [f"{n + 1} {1 + 2 * n} 0 0 1 1 " + " ".join(map(one.get, columns.split())) for n, one in enumerate(atoms)]
+    (tmp_path / "atoms").write_text(
+        "\n".join([head.format("ATOMS", 2) + f"ITEM: ATOMS id x y z radius mass {columns}", *rows, ""])
+    )
+    pairs = head.format("ENTRIES", 2) + "ITEM: ENTRIES i j force dx\n1 2 1.0 -1.9\n2 1 1.0 -1.9\n"
+    (tmp_path / "pairs").write_text(pairs)
+    network = gp.ContactNetwork.from_lammps(
+        tmp_path / "atoms", tmp_path / "pairs", columns=["i", "j", "force", "shift"], normal_stiffness=1.0, friction=False,
+        dimension=1, keep_rattlers=True,
+    )  # fmt: skip
+    assert network.kinds == kinds

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.balls.lattices import LATTICES
@@ -152,6 +153,26 @@ def test_the_page_computes_what_the_library_computes(seeds):
     found = run_node(f"console.log(JSON.stringify(({SOLVE})(cases, datas)));", cases=cases, datas=datas)
     for case, one in zip(cases, found, strict=True):
         check_agreement(case, one)
+
+
+@needs_node
+def test_the_page_of_a_cut_says_which_edge_moves():
+    packing = gp.Packing(STEEL, 8e-3, lattice="honeycomb", friction=True, motions="in_plane")
+    network = gp.AveragedLattice(packing).at_force(18.446).network
+    assert describe_network_page(network)["lattice"]["sides"] is None
+    ribbon = network.cut(1, 12)
+    data, bands = describe_network_page(ribbon), gp.Phonons(ribbon).bands([[[0.31], [0.49]]], npoints=3)
+    one = {"settings": latticeless(data), "q": bands.qpoints[0].tolist()}
+    program = "const it = makeLattice(data, one.settings);"
+    program += "console.log(JSON.stringify(one.q.map((q) => [...edgeParts(it, solveModes(it, q))])));"
+    found = np.array(run_node(program, one=one, data=data["lattice"]))
+    lower, upper = np.moveaxis(bands.edge_weight[0], -1, 0)
+    # pairs of waves of the two edges are the same to the last, and are told apart by both
+    alone = np.diff(bands.frequencies[0], axis=1, prepend=-1e9, append=1e9) > 2e-4 * bands.frequencies.max()
+    alone = alone[:, 1:] & alone[:, :-1]
+    assert np.count_nonzero(alone) > 50
+    assert_allclose(found[alone], (upper - lower)[alone], atol=1e-6)
+    assert_allclose(np.sort(found, axis=1)[:2, [0, -1]], [[-1.0, 1.0]] * 2, atol=0.05)
 
 
 @needs_node
@@ -418,13 +439,6 @@ def test_a_page_needs_neither_phonopy_nor_matplotlib():
 
 
 # -- the commands -----------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def work(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "scene.yaml").write_text(SCENE, encoding="utf-8")
-    return tmp_path
 
 
 def read_data(path: Path) -> dict[str, Any]:

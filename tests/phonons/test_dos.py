@@ -63,18 +63,6 @@ def test_integral_is_the_number_of_branches_of_a_ball(phonons, mesh, points):
     assert dos.rotational.min() >= 0.0
 
 
-def test_density_converges_with_the_mesh(phonons):
-    # the number of modes below a frequency, against a mesh five times finer than the finest
-    def count(n):
-        dos = phonons.dos(mesh=(n, n), points=201)
-        return cumulative_trapezoid(dos.total, dos.frequencies, initial=0.0)
-
-    reference = count(240)
-    errors = [np.abs(count(n) - reference).mean() for n in (12, 24, 48)]
-    assert errors[0] > 3.0 * errors[1] > 9.0 * errors[2], "linear interpolation is of second order"
-    assert errors[2] < 1e-3 * phonons.lattice.n_branches
-
-
 def test_smearing_tends_to_the_tetrahedra(rough):
     fine = rough.dos(mesh=(96, 96), points=1001)
     total = integral(fine)

@@ -15,8 +15,6 @@ import granphon as gp
 from granphon.balls.lattices import find_lattice
 from granphon.base.errors import InputError, InstabilityError, MechanismError
 from tests.phonons.conftest import (
-    DIAMETER,
-    ETA,
     RESISTED,
     at_overlap,
     every_case,
@@ -44,21 +42,6 @@ def test_bands_are_exact_at_any_load(relative, finite_overlap):
     found = gp.Phonons(state).frequencies(q) / state.scales.frequency
     expected = gp.Phonons(plain).frequencies(q) / plain.scales.frequency
     np.testing.assert_allclose(found, expected, rtol=1e-13 + (3.0 * relative if finite_overlap else 0.0))
-
-
-@pytest.mark.parametrize("length", [1e-3, 1e-6, 1e-9, 1e-12])
-@pytest.mark.parametrize("friction", [True, False])
-def test_sound_is_followed_down_to_gamma(length, friction):
-    # phonopy's D(q) has lost the frequency below |q| d = 1e-8; ours keeps omega = v |q|
-    state = at_overlap(friction=friction)
-    ph = gp.Phonons(state)
-    q = length * np.array([[1.0, 0.4]])
-    wavenumber = np.linalg.norm(ph.lattice.wavevectors(q)) / DIAMETER
-    sound = gp.sound_velocities(state)
-    slow, fast = ph.frequencies(q)[0, :2] * 2.0 * np.pi / wavenumber
-    assert slow == pytest.approx(sound.transverse, rel=1e-12 + 20.0 * length**2)
-    assert fast == pytest.approx(sound.longitudinal, rel=1e-12 + 20.0 * length**2)
-    np.testing.assert_array_equal(ph.frequencies([[0.0, 0.0]])[0, :2], 0.0)
 
 
 @pytest.mark.parametrize("friction", [True, False])
@@ -171,58 +154,6 @@ def test_phonopys_object_has_the_same_frequencies(lattice, motions, options):
     still = len(ph.atoms) * len(ph.lattice.motions.still_slots)
     assert len(ph.phonopy.unitcell) == len(ph.atoms) * ph.lattice.motions.atoms_per_ball
     np.testing.assert_allclose(theirs, np.sort(np.pad(ours, ((0, 0), (still, 0))), axis=1), atol=1e-13 * ours.max())
-
-
-def test_closed_forms_of_a_chain():
-    ph = phonons_of("chain", "all")
-    q = np.linspace(0.0, 0.5, 7)
-    half = np.pi * q
-    found = (ph.frequencies(q[:, None]) / ph.scales.frequency) ** 2
-    # sound; twice the pair of transverse motion and rolling, of which one rolls without slip; torsion, without a cost
-    pair = ETA * (4.0 * np.sin(half) ** 2 + 10.0 * np.cos(half) ** 2)
-    expected = np.sort([4.0 * np.sin(half) ** 2, pair, pair, 0.0 * q, 0.0 * q, 0.0 * q], axis=0).T
-    np.testing.assert_allclose(found, expected, atol=1e-14)
-
-
-def test_closed_forms_of_cubic_crystals():
-    for lattice, spin in (("sc", 20.0), ("bcc", 80.0 / 3.0), ("fcc", 40.0)):
-        ph = phonons_of(lattice)
-        at_gamma = (ph.frequencies([[0, 0, 0]]) / ph.scales.frequency) ** 2
-        np.testing.assert_allclose(at_gamma[0], [0.0, 0.0, 0.0, *[spin * ETA] * 3], atol=1e-12)
-    simple = phonons_of("sc")
-    at_corner = (simple.frequencies([[0.5, 0.5, 0.5]]) / simple.scales.frequency) ** 2
-    np.testing.assert_allclose(at_corner[0], [0.0, 0.0, 0.0, *[4.0 + 8.0 * ETA] * 3], atol=1e-12)
-    smooth = phonons_of("fcc", friction=False)
-    points = smooth.special_points
-    found = (smooth.frequencies([points["X"], points["L"]]) / smooth.scales.frequency) ** 2
-    np.testing.assert_allclose(found, [[4.0, 4.0, 8.0], [2.0, 2.0, 8.0]], rtol=1e-13)
-
-
-@pytest.mark.parametrize("lattice", ["chain", "triangular", "fcc", "hcp"])
-def test_group_velocities_are_slopes(lattice):
-    ph = phonons_of(lattice, "all", **RESISTED)
-    q, p, step = random_points(ph, 3), ph.lattice.periods, 1e-5
-    modes = ph.modes(q)
-    assert modes.group_velocities.shape == (3, ph.lattice.n_branches, p)
-    for axis in np.eye(p):
-        rise = ph.frequencies(q + step * axis) - ph.frequencies(q - step * axis)
-        run_of = ph.lattice.wavevectors(2.0 * step * axis) / ph.scales.length
-        slopes = 2.0 * np.pi * rise / np.linalg.norm(run_of)
-        along = modes.group_velocities @ (run_of / np.linalg.norm(run_of))
-        np.testing.assert_allclose(along, slopes, atol=1e-6 * ph.scales.velocity)
-
-
-def test_closed_forms_at_symmetry_points():
-    # steel's branches at K, M and Gamma, k/M = 1
-    state = at_overlap()
-    ph = gp.Phonons(state)
-    found = (ph.frequencies([[0, 0], [0.5, 0], [1 / 3, 1 / 3]]) / state.scales.frequency) ** 2
-    np.testing.assert_allclose(found[0], [0.0, 0.0, 30.0 * ETA], atol=1e-13)
-    # M: motion along and across the row, 6 + 2 eta and 2 + 6 eta, and pure rotation 10 eta
-    np.testing.assert_allclose(found[1], np.sort([6 + 2 * ETA, 2 + 6 * ETA, 10 * ETA]), rtol=1e-13)
-    # K: two degenerate mixed motions 9/2 (1 + eta) coupled to none, and pure rotation 15 eta / 2
-    np.testing.assert_allclose(found[2, 0], 7.5 * ETA, rtol=1e-13)
-    np.testing.assert_allclose(found[2, 1:], 4.5 * (1.0 + ETA), rtol=1e-13)
 
 
 # -- other cells of the same balls --------------------------------------------------------------------------------------

@@ -151,6 +151,54 @@ def test_the_weight_of_the_outer_layer_integrates_to_one(lattice, axis, q):
     assert_allclose(np.asarray(spectrum)[0] @ measure, 1.0, atol=1e-6)
 
 
+def follow_pole(own, inner, hop, w):
+    """Return the root near w of the outgoing waves of a half space, which are followed below the real axis."""
+    import scipy.linalg
+    from scipy.optimize import linear_sum_assignment
+
+    m = len(own)
+
+    def waves(w):
+        zero, one = np.zeros((m, m)), np.eye(m)
+        left = np.block([[zero, one], [-hop.conj().T, w * one - inner]])
+        values, vectors = scipy.linalg.eig(left, np.block([[one, zero], [zero, hop]]))
+        return values, vectors[:m]
+
+    values, _ = waves(w.real + 1e-9j * w.real)
+    kept = values[np.argsort(np.abs(values))[:m]]
+
+    def mismatch(w, kept):
+        values, vectors = waves(w)
+        picked = linear_sum_assignment(np.minimum(np.abs(values - kept[:, None]), 10.0))[1]
+        matrix = (own - w * np.eye(m)) @ vectors[:, picked] + hop @ vectors[:, picked] * values[picked]
+        return np.linalg.det(matrix / np.linalg.norm(vectors[:, picked], axis=0)), values[picked]
+
+    for step in np.linspace(0.0, 1.0, 41)[1:]:
+        _, kept = mismatch(w.real + 1j * step * w.imag, kept)
+    points = [w, w * (1.0 + 1e-6)]
+    for _ in range(20):  # secants
+        (f, _), (g, _) = (mismatch(one, kept) for one in points)
+        if f == g or abs(points[1] - points[0]) < 1e-14 * abs(w):
+            break
+        points = [points[1], points[1] - g * (points[1] - points[0]) / (g - f)]
+    return points[1]
+
+
+@pytest.mark.claim("leaky")
+@pytest.mark.parametrize(
+    ("lattice", "axis", "q"), [("fcc", (1, 1, 0), [0.3, 0.0]), ("triangular", (1, 1), [0.2]), ("square", (1, 1), [0.3])]
+)
+def test_leaky_waves_are_roots_of_outgoing_waves(lattice, axis, q):
+    surface = gp.Surface(balls(lattice), axis)
+    found = surface.branches([q], leaky=True)
+    first = np.flatnonzero(found.widths > 0.0)[0]
+    frequency, width = found.frequencies[first], found.widths[first]
+    unit, blocks = surface.half_space.units.frequency, surface.half_space.blocks(np.array([q]))
+    root = follow_pole(*(one[0] for one in blocks), ((frequency - 0.5j * width) / unit) ** 2)
+    expected = np.sqrt(root) * unit
+    assert_allclose([frequency, 0.5 * width], [expected.real, -expected.imag], rtol=0.0, atol=1e-5 * width)
+
+
 def test_a_spectrum_is_that_of_a_long_column():
     # of the end of a chain: the response of the first ball of many, damped in the same way
     network = gp.Crystal.on("chain", [BALL]).at_force(10.0).network
@@ -204,6 +252,11 @@ def test_the_zak_phase_counts_the_states_at_the_end_of_a_chain():
         assert len(surface.branches()[0]) == waves
 
 
+def listed_size(network, axis):
+    """Motions of the outer layers, as many as contacts reach across."""
+    return gp.Surface(network, axis).half_space.size
+
+
 def twisted_kagome(angle):
     """Kagome whose triangles are turned against each other: isostatic without friction."""
     cell = 2.0 * np.cos(angle) * np.array([[1.0, 0.0], [-0.5, np.sqrt(0.75)]])
@@ -224,6 +277,16 @@ def test_the_winding_counts_the_motions_at_the_edges_that_cost_nothing(axis):
     free = np.sum(gp.Phonons(network.cut(axis, 6)).frequencies([[0.13]]) < 1.0)
     assert winding[0][0] == winding[0][1]
     assert winding[0][0] + winding[1][0] == free
+    listed = gp.Surface(network, axis).branches([[0.13], [0.31]], free=True)
+    assert [np.sum(listed[at] == 0.0) for at in range(2)] == winding[0].tolist()
+    # a motion that decays from layer to layer, as the ribbon has it
+    ribbon = gp.ContactLattice.from_network(network.cut(axis, 40))
+    values, vectors = np.linalg.eigh(ribbon.dynamical_matrix(ribbon.wavevectors([[0.13]]))[0])
+    still = vectors[:, values < 1e-12 * values[-1]]
+    top = still[: listed_size(network, axis)]
+    parts = np.linalg.eigvalsh(top @ top.conj().T)[::-1]
+    mine = np.sort(listed.weight[(listed.place == 0) & (listed.frequencies == 0.0)])[::-1]
+    assert_allclose(parts[: len(mine)], mine, atol=5e-5)
     assert winding[0][0] > 0
 
 

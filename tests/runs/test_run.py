@@ -6,6 +6,7 @@ import math
 import multiprocessing
 import os
 import pickle
+import re
 import shutil
 import signal
 import subprocess
@@ -225,7 +226,7 @@ def test_check_says_what_a_simulation_will_take(work, capsys):
         assert cost.equilibria == count
         assert main(["check", "scene.yaml"]) == 0
         out, err = capsys.readouterr()
-        assert f"  will take             {cost.text} on one processor\n" in out
+        assert re.search(rf"  will take +{re.escape(cost.text)} on one processor\n", out)
         assert f"simulation of 256 balls, {count} equilibria: about 80 MB and " in out
     # of the medium that is solved in a moment, limits are told
     assert err.startswith("granphon: warning: ema is not reliable below ")
@@ -238,7 +239,8 @@ def test_a_long_simulation_is_announced(work, capsys, monkeypatch):
     interrupted_after(0, monkeypatch, KeyboardInterrupt())
     for quiet in ([], ["-q"]):
         assert main(["run", "scene.yaml", "-o", "out", *quiet]) == 130
-        *told, _ = capsys.readouterr().err.splitlines()
+        *told, last = capsys.readouterr().err.splitlines()
+        assert last == "granphon: error: interrupted; no result was written."
         assert told == ([] if quiet else [f"granphon: {Scene.from_text(text).cost().text} on one processor"])
 
 
@@ -366,16 +368,6 @@ def test_many_measured_diameters_are_kept_with_the_result(work):
     assert listed(work / "out") == NUMBERS
 
 
-@pytest.mark.exhaustive
-def test_a_long_summary_hides_no_file_of_the_earlier_run(work):
-    names = ", ".join(f"{0.5 + 0.001 * n:.3f} um" for n in range(1000))
-    text = SWEEP.replace("[1 um, 2 um]", f"[{names}]").replace("points: 6", "points: 2").replace("[ala, afa, ema]", "ala")
-    Scene.from_text(text).run("out", figures=False)
-    assert (work / "out" / "summary.yaml").stat().st_size > 100_000
-    Scene.from_text(ONE).run("out", force=True)
-    assert listed(work / "out") == NUMBERS
-
-
 def measured_scene(folder: Path) -> bytes:
     """A scene in its own result folder, with a table that has the name of a result file."""
     rows = [7.999, 8.000, 8.001] * 400
@@ -400,11 +392,11 @@ def test_a_result_that_is_read_again_is_not_removed_as_old(work):
     Scene.from_yaml("scene.yaml").run("out")
     (work / "again.yaml").write_text(ONE.replace("{uniform: 2.04 um}", "{measured: {file: out/diameters.csv}}"))
     again = Scene.from_yaml("again.yaml")
-    assert [path.name for path in again.inputs] == ["again.yaml", "diameters.csv"]
+    assert [path.name for path in again.origin.inputs] == ["again.yaml", "diameters.csv"]
     with pytest.raises(FileExistsInRunError, match="is read by this run"):
         again.run("out", force=True)
     swept = Scene.from_text(SWEEP.replace("width: [1 um, 2 um]", "spread: [{measured: out/diameters.csv}]"))
-    assert swept.inputs == (Path("out/diameters.csv"),)
+    assert swept.origin.inputs == (Path("out/diameters.csv"),)
 
 
 def test_a_folder_has_one_run_at_a_time(work, capsys):
@@ -497,12 +489,7 @@ def test_a_result_of_another_kind_is_replaced_as_a_whole(work, whole):
 # -- side by side, and cut off --------------------------------------------------------------------------------------
 
 
-def test_workers_give_the_same_numbers(work, whole, capsys):
-    assert main(["run", "scene.yaml", "-o", "two", "-q", "--workers", "2", "--no-figures"]) == 0
-    assert listed(work / "two") == NUMBERS
-    assert load_sweep("two/sweep.nc").identical(load_sweep(whole / "sweep.nc"))
-    assert (work / "two" / "sweep.csv").read_bytes() == (whole / "sweep.csv").read_bytes()
-    capsys.readouterr()
+def test_the_number_of_workers_has_limits(work, capsys):
     for count, limit in (("0", "1"), ("1000000", "1024")):
         assert main(["run", "scene.yaml", "-o", "three", "--workers", count]) == 2
         err = capsys.readouterr().err
@@ -710,7 +697,7 @@ def test_a_resumed_sweep_replaces_an_older_result_only_if_told(work, monkeypatch
 @pytest.mark.parametrize(
     ("where", "error", "code"),
     [
-        ("granphon.figures.sweeps.sweep_figure", KeyboardInterrupt(), 130),
+        ("granphon.figures.curves.sweep_figure", KeyboardInterrupt(), 130),
         ("granphon.runs.dataset._write_rows", OSError(28, "No space left on device"), 1),
     ],
 )
@@ -867,12 +854,6 @@ def test_an_interruption_after_the_exchange_says_that_the_result_is_there(work, 
     assert "out is complete" in capsys.readouterr().out
 
 
-def test_an_interruption_with_nothing_kept_says_no_more(work, monkeypatch, capsys):
-    interrupted_after(0, monkeypatch, KeyboardInterrupt())
-    assert main(["run", "scene.yaml", "-o", "out"]) == 130
-    assert capsys.readouterr().err == "granphon: error: interrupted; no result was written.\n"
-
-
 def test_the_samples_of_one_state_are_tasks(work, monkeypatch, capsys):
     """Interrupted and gone on with, they have the files of what went through; another state is refused."""
     (work / "scene.yaml").write_text(SAMPLES)
@@ -934,7 +915,7 @@ def test_samples_solved_as_tasks_are_those_of_the_medium(packing, medium):
     scene = Scene.from_text(text)
     assert scene.has_tasks
     run = SweepRun.of(scene.case_grid)
-    state, expected = run.cases[0].restore(run.do()), scene.state()
+    state, expected = run.grid.cases[0].restore(run.do()), scene.state()
     for name in ("force", "overlap", "normal_stiffness", "exponent", "exponent_error", "medium", "finite_overlap"):
         assert_array_equal(getattr(state, name), getattr(expected, name))
     for one, other in zip(state.samples, expected.samples, strict=True):
@@ -969,7 +950,7 @@ def test_check_describes_a_sweep(work, capsys):
     assert main(["check", "scene.yaml"]) == 0
     out, err = capsys.readouterr()
     for expected in (
-        "uniform, W = 2.04 um (the mean +/- 1.02 um)\n", "6 forces, 2 N to 20 N\n", "ala, afa, ema\n",
+        "uniform\n", "2.04 um\n", "2 N to 20 N\n", "averaged lattice, averaged force, effective medium\n",
         "6 loads x 3 media x 2 values of width = 36 states", "scene.yaml, summary.yaml, sweep.nc, sweep.csv, sweep.png",
     ):  # fmt: skip
         assert expected in out
@@ -981,7 +962,7 @@ def test_check_says_that_the_media_agree_for_equal_balls(work, capsys):
     (work / "scene.yaml").write_text(SWEEP.replace("2.04 um", "0 um").replace("sweep", "# sweep"))
     assert main(["check", "scene.yaml"]) == 0
     out, err = capsys.readouterr()
-    assert "ala, afa, ema (the same for equal balls)" in out
+    assert "averaged lattice, averaged force, effective medium, the same for equal balls" in out
     assert err == ""
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import granphon as gp
-from granphon.media.loaded_lattice import ideal_lattice
+from granphon.media.state import ideal_lattice
 from granphon.runs.dataset import load_sweep
 from granphon.runs.store import read_entries
 from granphon.scene.redraw import redraw

@@ -15,7 +15,6 @@ import signal
 import sqlite3
 import subprocess
 import sys
-import textwrap
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext, suppress
 from functools import partial
@@ -122,8 +121,6 @@ def test_every_variable_is_what_direct_calls_give(rough, load, values, finite_ov
         ("poisson_ratio", [0.0, 0.3, 0.5], lambda p, v: gp.Packing(gp.Material(211.65e9, v, 7840.0), 8e-3, p.spread)),
         ("density", [2500.0, 7840.0], lambda p, v: gp.Packing(gp.Material(211.65e9, 0.276, v), 8e-3, p.spread)),
         ("diameter", [4e-3, 8e-3, 16e-3], lambda p, v: gp.Packing(p.material, v, p.spread)),
-        ("width", [0.0, 1e-6], lambda p, v: gp.Packing(p.material, 8e-3, gp.Uniform(v))),
-        ("friction", [False, True], lambda p, v: gp.Packing(p.material, 8e-3, p.spread, friction=v)),
         ("spread", [None, gp.Uniform(1e-6), BIMODAL], lambda p, v: gp.Packing(p.material, 8e-3, v)),
         ("lattice", ["square", "kagome"], lambda p, v: gp.Packing(p.material, 8e-3, p.spread, v)),
     ],
@@ -295,8 +292,10 @@ def test_a_sample_that_carries_no_load_is_named(rough):
 # -- lattices that are not isotropic --------------------------------------------------------------------------------
 
 
-def test_a_lattice_that_is_not_isotropic_has_a_tensor(rough):
-    ds = sweep(rough, force=[5.0, 7.0], lattice=["square", "triangular"])
+def test_a_lattice_that_is_not_isotropic_has_a_tensor(rough, tmp_path):
+    ds = sweep(rough, force=[5.0, 7.0], lattice=["square", "triangular"], path=tmp_path / "sweep.nc")
+    head = (tmp_path / "sweep.csv").read_text(encoding="utf-8").splitlines()[0]
+    assert ("longitudinal (m/s)" in head, "tensor" in head) == (True, False)
     assert ds["tensor"].dims == ("load", "medium", "lattice", "voigt_row", "voigt_column")
     assert "shear" not in ds
     square = gp.AveragedLattice(gp.Packing(rough.material, 8e-3, rough.spread, "square")).at_force(7.0)
@@ -449,11 +448,8 @@ def test_bands_of_different_numbers_make_no_array(rough, axis):
         ({}, "no load.* force, pressure, overlap"),
         ({"force": 1.0, "pressure": 1.0}, "force and pressure"),
         ({"force": [[1.0, 2.0]]}, "force: found .* list of them"),
-        ({"force": [[1.0], [2.0, 3.0]]}, "force: found .*; allowed: a real number"),
         ({"force": []}, "force: found .* list of them"),
-        ({"force": "5 N"}, "force: found '5 N'; allowed: a real number"),
         ({"force": True}, "force: found True; allowed: a real number"),
-        ({"force": np.ma.masked_array([1.0, 2.0], [False, True])}, "force: found .*, which has masked entries"),
         ({"force": 1.0, "media": ()}, "no medium"),
         ({"force": 1.0, "media": "emma"}, "medium: found 'emma'; .*'ema'"),
         ({"force": 1.0, "media": ("ema", "ala", "ema")}, "the medium 'ema' is given twice"),
@@ -463,24 +459,15 @@ def test_bands_of_different_numbers_make_no_array(rough, axis):
             "medium.ema.local_field: found 'guess'; allowed: computed, paper",
         ),
         ({"force": 1.0, "wdith": [1e-6]}, "no parameter 'wdith'.*young_modulus.*lattice.*mean width"),
-        ({"force": 1.0, "colour": ["red"]}, "no parameter 'colour'"),
         ({"force": 1.0, "width": ["2 um"]}, "width: found .*2 um"),
-        ({"force": 1.0, "width": []}, "width: found"),
         ({"force": 1.0, "friction": []}, "friction is an empty list"),
         ({"force": 1.0, "width": [1e-6, -1e-6]}, "width = -1e-06 m: .*zero or above"),
-        ({"force": 1.0, "width": [math.nan]}, "width = nan m: "),
         ({"force": 1.0, "width": [1e-6, 2e-6, 1e-6]}, "width = 1e-06 m twice.*each value once"),
         ({"force": 1.0, "torsion": [0, 0.0]}, "torsion = 0.0 twice"),
-        ({"force": 1.0, "torsion": ["mindlin", 0.1, "mindlin"]}, "torsion = 'mindlin' twice"),
-        ({"force": 1.0, "friction": [False, False]}, "friction = False twice"),
-        ({"force": 1.0, "lattice": ["square", "kagome", "square"]}, "lattice = 'square' twice"),
         ({"force": 1.0, "spread": [None, gp.Uniform(1e-6), gp.Uniform(1e-6)]}, "spread = Uniform.* twice"),
         ({"force": 1.0, "width": [1e-6, 1.0]}, "width = 1.0 m: the smallest ball"),
         ({"force": 1.0, "poisson_ratio": [0.2, 0.7], "density": [1e3]}, "poisson_ratio = 0.7, density = 1000.0 kg/m.3: "),
-        ({"force": 1.0, "friction": [1]}, "friction = 1: "),
-        ({"force": 1.0, "spread": ["uniform"]}, "spread"),
         ({"force": 1.0, "spread": BIMODAL, "diameter": [8e-3, 9e-3]}, "diameter = 0.009 m: the mean of the diameters"),
-        ({"force": 1.0, "lattice": ["hexagonal"]}, "hexagonal"),
         ({"force": 1.0, "bands": "GQ"}, "special point"),
         ({"force": 1.0, "bands": "GK", "labels": ["G"]}, "1 label for 2 corners"),
         ({"force": 1.0, "bands": "GK", "npoints": 1}, "npoints"),
@@ -496,9 +483,7 @@ def test_bands_of_different_numbers_make_no_array(rough, axis):
         ({"force": 1.0, "resume": True, "path": None}, "cannot be resumed"),
         ({"force": 1.0, "path": "sweep.csv"}, "does not end in .nc"),
         ({"force": [1.0, math.nan]}, "force: found nan among 2 numbers"),
-        ({"force": [1.0, math.inf]}, "force: found inf"),
         ({"force": [1.0, -1.0]}, r"force is .*: tensile"),
-        ({"force": [1.0, 0.0]}, "force is zero"),
         ({"force": 5.0, "lattice": ["square"], "friction": [False]}, "^ala, lattice = square, friction = False.*mechanism"),
     ],
 )
@@ -720,12 +705,14 @@ def test_another_library_reads_the_file(rough, tmp_path):
     [
         (None, "triangular"), (gp.Uniform(WIDTH), gp.Lattice("mine", ((1.0, 0.0), (-0.5, math.sqrt(0.75))))),
         (gp.Normal(1e-6, 2.0), "triangular"), (BIMODAL, "square"), (gp.Measured((8e-3, 8.1e-3, 7.9e-3)), "triangular"),
+        (gp.Measured(tuple(8e-3 + 1e-10 * (n - 4999.5) for n in range(10_000))), "triangular"),
     ],
 )  # fmt: skip
 def test_the_packing_comes_back_from_the_file(steel, tmp_path, spread, lattice):
-    packing = gp.Packing(steel, 8e-3, spread, lattice)
-    sweep(packing, force=5.0, path=tmp_path / "sweep.nc")
-    assert packing_of(load_sweep(tmp_path / "sweep.nc")) == packing
+    packing = gp.Packing(steel, getattr(spread, "mean", None) or 8e-3, spread, lattice)
+    ds = sweep(packing, force=5.0, path=tmp_path / "sweep.nc")
+    assert load_sweep(tmp_path / "sweep.nc").identical(ds)
+    assert packing_of(ds) == packing
 
 
 def test_provenance(rough, tmp_path):
@@ -739,14 +726,6 @@ def test_provenance(rough, tmp_path):
     finite = sweep(rough, force=5.0, finite_overlap=True)
     assert finite.attrs["finite_overlap"] == 1
     assert "left out" in finite.attrs["exponent"]
-
-
-def test_a_lot_of_ten_thousand_balls_fits_into_the_file(steel, tmp_path):
-    lot = gp.Measured(tuple(8e-3 + 1e-10 * (n - 4999.5) for n in range(10_000)))
-    packing = gp.Packing(steel, lot.mean, lot)
-    ds = sweep(packing, force=5.0, path=tmp_path / "sweep.nc")
-    assert load_sweep(tmp_path / "sweep.nc").identical(ds)
-    assert packing_of(ds) == packing
 
 
 @pytest.mark.claim("files-all-digits")
@@ -769,13 +748,6 @@ def test_the_table_has_every_digit(rough, tmp_path):
         for name, cell in zip(names, row, strict=True):
             value = point[name].values[()]
             assert cell == str(value) if ds[name].dtype.kind in "bU" else float(cell) == value
-
-
-def test_a_table_of_tensors_leaves_them_out(rough, tmp_path):
-    sweep(rough, force=5.0, lattice="square", path=tmp_path / "sweep.nc")
-    head = (tmp_path / "sweep.csv").read_text(encoding="utf-8").splitlines()[0]
-    assert "longitudinal (m/s)" in head
-    assert "tensor" not in head
 
 
 def test_an_existing_sweep_is_kept_unless_told(rough, tmp_path):
@@ -815,7 +787,6 @@ def _numbered(path, schema=99):
         (lambda path: path.write_text("force,velocity\n1,2\n"), "cannot be read"),
         (_other_file, "is not a sweep"),
         (_numbered, r"schema 99.*reads and writes schema 1"),
-        (lambda path: _numbered(path, [1, 2]), r"schema array\(\[1, 2"),
         (lambda path: _numbered(path, 1), "is damaged"),
     ],
 )
@@ -1296,52 +1267,12 @@ def test_a_sweep_may_grow_while_it_is_interrupted(rough, interrupted):
     assert resumed(rough, interrupted, sweep(rough, **arguments), arguments) == 12 - 4
 
 
-@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal on this system")
-def test_a_sweep_that_was_killed_goes_on(rough, serial, tmp_path):
-    """And bands along a path in numbers have loaded neither phonopy nor ASE."""
-    script = textwrap.dedent(f"""
-        import os, signal, sys
-        from contextlib import contextmanager
-        import granphon as gp
-        from granphon.runs.sweep import sweep
-
-        class Killer:
-            done = 0
-            @contextmanager
-            def step(self, label, total=None):
-                yield self
-            def advance(self, amount=1.0):
-                self.done += amount
-                if self.done == 6:
-                    os.kill(os.getpid(), signal.SIGKILL)
-
-        packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, gp.Uniform({WIDTH!r}))
-        sweep(packing, force=1.0, bands=[[0, 0], [0.5, 0]], npoints=3)
-        print([name for name in ("ase", "phonopy", "spglib", "matplotlib") if name in sys.modules], flush=True)
-        sweep(packing, path={str(tmp_path / "sweep.nc")!r}, progress=Killer(), **{ARGUMENTS!r})
-    """)
-    run = subprocess.run([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True)
-    assert (run.returncode, run.stdout) == (-signal.SIGKILL, "[]\n")
-    assert resumed(rough, tmp_path, serial) == 3
-
-
 def test_a_store_of_ones_own_is_left_to_its_owner(rough, serial, interrupted):
     store = Store(interrupted / PARTIAL)
     with Counted() as executor:
         assert sweep(rough, store=store, executor=executor, **ARGUMENTS).identical(serial)
     assert len(executor.begun) == 9 - 4
     assert len(parts_in(interrupted)) == 9
-
-
-def test_a_store_without_a_file_keeps_results_in_memory():
-    store = Store()
-    store.claim({}, list)
-    store.append("a", encode("a", {"x": np.zeros(1)}))
-    assert_array_equal(store.read("a")["x"], [0.0])
-    assert "a" in store
-    assert "b" not in store
-    store.clear()
-    assert store.read("a") is None
 
 
 def test_an_identity_is_that_of_the_sweep_to_which_all_parts_belong(rough, tmp_path):

@@ -20,9 +20,10 @@ from granphon.base.text import parse_yaml
 from granphon.cli.commands import main
 from granphon.cli.scenes import PRESETS
 from granphon.cli.wording import describe_result, describe_scene
-from granphon.figures.sweeps import sweep_figure
+from granphon.figures.curves import sweep_figure
 from granphon.phonons.paths import BandPath
 from granphon.runs import dataset
+from granphon.scene.file import write_preset
 from granphon.scene.run import is_complete
 from granphon.scene.scene import Scene
 
@@ -50,7 +51,7 @@ def read_summary(folder: Path):
 def test_a_scene_names_every_lattice(name):
     scene = read(f"lattice: {name}", rest="observe: [bands]")
     assert scene.packing.structure == LATTICES[name]
-    assert len(scene.grid) == LATTICES[name].periods
+    assert len(scene.mesh) == LATTICES[name].periods
     assert scene.path == BandPath.default(LATTICES[name])
     assert Scene.from_text(scene.to_yaml()) == scene
 
@@ -98,7 +99,7 @@ def test_a_pressure_has_the_unit_of_the_dimension(lattice, load, force):
 )  # fmt: skip
 def test_meshes_and_supercells_have_the_numbers_of_the_dimension(lattice, mesh, dim, found):
     scene = read(f"lattice: {lattice}", rest=f"phonopy: {{mesh: {mesh}, dim: {dim}}}")
-    assert (scene.grid, scene.dim) == found
+    assert (scene.mesh, scene.dim) == found
     assert Scene.from_text(scene.to_yaml()) == scene
 
 
@@ -158,7 +159,7 @@ def test_the_direction_of_a_scene_is_that_of_its_velocities(tmp_path):
     told = read_summary(tmp_path / "one")
     assert_allclose(told["direction"], [0.5**0.5, 0.5**0.5, 0], rtol=1e-15)
     assert told["transverse_slow"] == expected.transverse_slow
-    assert dict(describe_scene(scene))["direction"] == "(1, 1, 0)"
+    assert dict(describe_scene(scene))["direction"] == "1, 1, 0"
     assert dict(describe_result(found))["slow transverse velocity"].endswith("m/s along (0.707107, 0.707107, 0)")
     # along x, as before, if none is given
     bare = read("lattice: fcc", "force: 5 N").run(tmp_path / "x", figures=False)
@@ -307,13 +308,8 @@ def test_directions_in_a_sweep_with_a_simulation_and_its_figure(tmp_path):
 
 def test_a_sweep_in_python_takes_directions():
     packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, lattice="hcp")
-    data = gp.sweep(packing, force=[5.0], direction=np.eye(3), lattice=["hcp", "fcc"])
-    assert data.sizes["direction"] == 3
-    for place, lattice in enumerate(("hcp", "fcc")):
-        state = gp.AveragedLattice(gp.Packing(packing.material, 8e-3, lattice=lattice)).at_force(5.0)
-        assert_allclose(data["longitudinal"][0, 0, place], gp.sound_velocities(state, np.eye(3)).longitudinal, rtol=1e-14)
     near = gp.sweep(packing, force=[5.0], direction=[(0.0, 0.0, 1.0), (0.0, 1e-9, 1.0)])
-    assert near["direction"].values.tolist() == ["(0.0, 0.0, 1.0)", "(0.0, 1e-09, 1.0)"] or near.sizes["direction"] == 2
+    assert near["direction"].values.tolist() == ["(0, 0, 1)", "(0, 1e-09, 1)"]
     for bad, text in (((1, 0), "three finite numbers"), ((0, 0, 0), "not all zero"), ([(1, 0, 0), (2, 0, 0)], "twice")):
         with pytest.raises(InputError, match=text):
             gp.sweep(packing, force=[5.0], direction=bad)
@@ -334,9 +330,6 @@ MISTAKES = {
     "motions in space": (
         "lattice: fcc, motions: in_plane", "", "", "2: packing.motions", "'in_plane'", "all; the fcc", "space",
     ),
-    "motions misspelt": (
-        "lattice: chain, motions: out of plane", "", "", "2: packing.motions", "plane'", "all", "'out_of_plane'?",
-    ),
     "torsion without rotations": (
         "lattice: chain, torsion: 0.1", "", "", "2: packing.torsion", "0.1", "up to 1e6, and 0 where no motion is",
         "torsion without rotations. The motions 'longitudinal' of the chain lattice have no rotation that could be resisted."
@@ -349,12 +342,6 @@ MISTAKES = {
     "swept motions that twist no contact": (
         "lattice: square, motions: all, torsion: 0.1", "", "sweep: {motions: [all, in_plane]}", "4: sweep.motions.1",
         "in_plane", "a value that the packing can have", "Use motions out_of_plane, all",
-    ),
-    "negative torsion": (
-        "lattice: fcc, torsion: -1", "", "", "2: packing.torsion", "-1", "zero or above, or mindlin", "",
-    ),
-    "torsion misspelt": (
-        "lattice: fcc, torsion: mindlim", "", "", "2: packing.torsion", "'mindlim'", "mindlin", "'mindlin'?",
     ),
     "bending with a unit": (
         "lattice: fcc, bending: 1 N m", "", "", "2: packing.bending", "'1 N m'", "a finite", "unit",
@@ -372,7 +359,6 @@ MISTAKES = {
     "mesh of a layer in space": (
         "lattice: fcc", "", "phonopy: {mesh: 8 8 1}", "4: phonopy.mesh", "'8 8 1'", "from 2 to", "",
     ),
-    "small supercell": ("lattice: fcc", "", "phonopy: {dim: 2 2 2}", "4: phonopy.dim", "2 2 2", "3 3 3 or more", ""),
     "path in space for a plane": (
         "lattice: square", "", "phonopy: {band: 0 0 0 0 0 1/2}", "4: phonopy.band", "a third number", "points",
         "one layer",
@@ -380,14 +366,6 @@ MISTAKES = {
     "letter of another lattice": (
         "lattice: square", "", "phonopy: {band: GKMG}", "4: phonopy.band", "'GKMG', with the letter K", "G, M, X",
         "such as GXMG, or points in numbers",
-    ),
-    "letters of one point": (
-        "lattice: fcc", "", "phonopy: {band: 'GXW,K'}", "4: phonopy.band", "'GXW,K'", "two different points",
-        "such as GXWKGL",
-    ),
-    "labels that are not as many as letters": (
-        "lattice: chain", "", "phonopy: {band: GX, band_labels: a b c}", "4: phonopy.band_labels", "3 labels", "2, one for",
-        "",
     ),
     "direction of a plane in space": (
         "lattice: fcc", "", "direction: [1, 1]", "4: direction", "[1, 1]", "three numbers, not all zero", "in space",
@@ -403,9 +381,6 @@ MISTAKES = {
         "lattice: fcc", "", "sweep: {lattice: [fcc, chain]}", "4: sweep.lattice", "['fcc', 'chain']", "one dimension",
         "sweep of each",
     ),
-    "motions of a sweep": (
-        "lattice: fcc", "", "sweep: {motions: [all, in_plane]}", "4: sweep.motions.1", "'in_plane'", "all", "in space",
-    ),
     "motions of a sweep over lattices": (
         "", "",
         "sweep: {motions: [in_plane], lattice: [square, {name: flat, cell: [[1, 0, 0], [0, 1, 0]], sites: [[0, 0, 0]]}]}",
@@ -416,9 +391,6 @@ MISTAKES = {
     ),
     "diameter twice in a sweep": (
         "lattice: fcc", "", "sweep: {diameter: [8 mm, 0.8 cm]}", "4: sweep.diameter.1", "'0.8 cm' twice", "each value", "",
-    ),
-    "lattice twice in a sweep": (
-        "lattice: fcc", "", "sweep: {lattice: [fcc, fcc]}", "4: sweep.lattice", "['fcc', 'fcc']", "each once", "",
     ),
     "torsion of a chain of a sweep": (
         "lattice: chain", "", "sweep: {torsion: [0, 1]}", "4: sweep.torsion.1", "1",
@@ -509,9 +481,9 @@ def test_presets_of_each_dimension_run(tmp_path, monkeypatch, capsys, preset):
     text = Path("scene.yaml").read_text()
     scene = Scene.from_text(text)
     # as it is, but on fewer points
-    points, mesh = f"band_points: {scene.band_points}", " ".join(map(str, scene.grid))
+    points, mesh = f"band_points: {scene.band_points}", " ".join(map(str, scene.mesh))
     assert f"mesh: {mesh}" in text
-    coarse = " ".join(["6"] * len(scene.grid))
+    coarse = " ".join(["6"] * len(scene.mesh))
     Path("small.yaml").write_text(text.replace(points, "band_points: 3").replace(f"mesh: {mesh}", f"mesh: {coarse}"))
     assert main(["run", "small.yaml", "-o", "out"]) == 0
     assert {"band.yaml", "phonopy_params.yaml", "dos.csv", "bands.png"} <= {path.name for path in Path("out").iterdir()}
@@ -527,12 +499,13 @@ def test_presets_of_each_dimension_run(tmp_path, monkeypatch, capsys, preset):
 
 @pytest.mark.parametrize("preset", ["chain", "membrane", "fcc", "hcp"])
 def test_what_is_commented_out_in_a_preset_is_right_too(preset):
-    text = (Path(gp.__file__).parent / "data" / f"{preset}.yaml").read_text()
+    text = write_preset(preset)
     lines = text.splitlines()
-    load = lines.index(next(line for line in lines if line.startswith("load:")))
+    own, *others = [at for at, line in enumerate(lines) if re.match(r" +(# )?(force|pressure|overlap):", line)]
     force = Scene.from_text(text).state().force
-    for other in lines[load + 2 : load + 4]:
-        changed = [*lines[: load + 1], other.replace("# ", "", 1), *lines[load + 2 :]]
+    assert others
+    for other in others:
+        changed = [*lines[:own], lines[other].replace("# ", "", 1), *lines[own + 1 :]]
         assert Scene.from_text("\n".join(changed)).state().force == pytest.approx(force, rel=0.2)
     for key in ("yield_strength", "dim", "torsion", "bending", "band"):
         plain = text.replace(f"# {key}:", f"{key}:").replace("# band_labels:", "band_labels:" if key == "band" else "#")
@@ -541,17 +514,11 @@ def test_what_is_commented_out_in_a_preset_is_right_too(preset):
 
 @pytest.mark.parametrize("preset", ["membrane", "fcc", "hcp"])
 def test_the_lattices_that_a_preset_names_can_take_the_place_of_its_own(preset):
-    text = (Path(gp.__file__).parent / "data" / f"{preset}.yaml").read_text()
-    (line,) = re.findall(r"^  lattice: .*", text, re.M)
-    own, *others = [word for word in re.findall(r"\w+", line) if word in LATTICES]
+    text = write_preset(preset)
+    own, *others = re.findall(r"^  (?:# )?lattice: (\w+)", text, re.M)
     assert others
     for name in others:
-        changed = text.replace(f"lattice: {own} ", f"lattice: {name} ")
-        if name in line.partition("with bending")[2]:
-            with pytest.raises(SceneError, match="a lattice that is rigid; the lattice"):
-                Scene.from_text(changed)
-            changed = changed.replace("# bending:", "bending:")
-        Scene.from_text(changed)
+        Scene.from_text(text.replace(f"lattice: {own} ", f"lattice: {name} "))
 
 
 def test_the_motions_that_the_preset_of_a_chain_names_can_take_the_place_of_its_own():

@@ -7,10 +7,8 @@ import pytest
 
 import granphon as gp
 from granphon.base.errors import InputError
-from granphon.media.loaded_lattice import ideal_lattice
 from granphon.phonons.paths import BandPath
 from granphon.runs.wave_records import read_waves
-from granphon.scene.plan import _count_waves
 from granphon.scene.redraw import redraw
 from granphon.scene.run import expected_files
 from granphon.waves.path_spectra import find_path_points, find_path_spectra
@@ -187,12 +185,6 @@ def test_cost_of_a_spectrum_counts_each_wave_vector_of_the_cell_once():
     def find(points, text=ARRAY):
         return gp.Scene.from_text(text + f"observe: [spectrum]\nspectrum: {{points: {points}}}\n")
 
-    scene = find(2000)
-    ((medium, wanted),) = [(serving.medium.of(serving.packing), scene.waves) for serving in scene.case.serving_media]
-    state = gp.AveragedLattice(medium.packing).at_force(5.0)
-    network = state.network.repeat(medium.cells)
-    way = find_path_points(network, ideal_lattice(medium.packing), medium.packing.diameter, wanted.path, 2000)
-    assert _count_waves(medium, wanted) == len(way.q) < 100
     large = ARRAY.replace("[12, 24]", "[200, 200]")
     few, many = (find(points, large).cost().known for points in (1000, 10_000))
     assert many == pytest.approx(few, rel=0.2)

@@ -87,9 +87,9 @@ def test_sweeps_in_python_take_crystals():
         gp.sweep(crystal, pressure=[1e5], **{"A.diameter": [0.019]})
     with pytest.raises(InputError, match=r"no parameter 'B\.mass'"):
         gp.sweep(crystal, pressure=[1e5], **{"B.mass": [0.019]})
-    with pytest.raises(InputError, match=r"media is 'ema'.*no other medium"):
+    with pytest.raises(InputError, match=r"the medium is 'ema'.*Take crystal"):
         gp.sweep(crystal, pressure=[1e5], media="ema")
-    with pytest.raises(InputError, match="balls of several kinds"):
+    with pytest.raises(InputError, match="Balls of several kinds"):
         gp.sweep(gp.Packing(STEEL, 8e-3), force=[1.0], media="crystal")
 
 
@@ -217,6 +217,7 @@ MISTAKES = {
     "a parameter of a packing": (f"{_ON_CHAIN}load: {{force: 1 N}}\nsweep: {{width: [1 um]}}", "sweep", "A.diameter"),
     "a side force": (f"{_ON_CHAIN}load: {{side_force: 9 N, balls_per_side: 3}}", "load.side_force", "triangular"),
     "no period": ("crystal: {lattice: chain, cut: {axis: 0, layers: 5}}\nload: {force: 1 N}", "crystal", "repeats nowhere"),
+    "twice": ("crystal: {lattice: chain, repeat: 8, remove: 3 5 3}\nload: {force: 1 N}", "crystal.remove", "ball 3 more"),
     "no such ball": ("crystal: {lattice: chain, remove: [7]}\nload: {force: 1 N}", "crystal.remove", "not the number"),
     "no such layer": (
         "crystal: {lattice: fcc, kinds: [A], repeat: 2 2 2, cut: {axis: 1 1, layers: 3}}\nload: {force: 1 N}",
@@ -228,7 +229,7 @@ MISTAKES = {
     ),
     "a spectrum": (f"{_ON_CHAIN}load: {{force: 1 N}}\nspectrum: {{points: 3}}", "spectrum", "unknown key"),
     "a kind without a ball": (
-        "crystal: {lattice: fcc, kinds: [A]}\nload: {force: 1 N}\nsweep: {S.mass: [1 g, 2 g]}", "sweep.S.mass", "no ball",
+        "crystal: {lattice: fcc, kinds: [A]}\nload: {force: 1 N}\nsweep: {S.mass: [1 g]}", "sweep.S.mass", "unknown key",
     ),
 }  # fmt: skip
 

@@ -15,7 +15,7 @@ import granphon as gp
 from granphon.balls.lattices import find_lattice
 from granphon.balls.loads import Load
 from granphon.base.errors import InputError
-from granphon.tradeoffs.ensemble import QUANTITIES, Ensemble, find_near_pairs, measure_excess, observe, regress
+from granphon.tradeoffs.measure import QUANTITIES, Ensemble, find_near_pairs, measure_excess, observe, regress
 from tests.conftest import only
 
 KINDS = ("force", "pressure", "overlap")

@@ -10,7 +10,6 @@ import pytest
 
 import granphon as gp
 from granphon.base.errors import InputError
-from granphon.waves import filtering
 from granphon.waves import modes as mode_finder
 from tests.networks.test_network import make
 
@@ -44,7 +43,7 @@ def limits(monkeypatch):
         if method is not None:
             constants |= {"DENSE": METHODS[method][0], "LARGEST_FACTORS": dict.fromkeys((1, 2, 3), METHODS[method][1])}
         for name, value in constants.items():
-            monkeypatch.setattr(mode_finder if hasattr(mode_finder, name) else filtering, name, value)
+            monkeypatch.setattr(mode_finder, name, value)
         if method == "filtered":  # what is filtered is not found among all modes by the dense matrix after all
             monkeypatch.delattr(mode_finder, "_find_dense")
 
@@ -318,19 +317,19 @@ def test_filters_leave_out_many_modes_without_energy(filters):
 def test_filters_miss_no_mode(filters, disordered):
     """Where one mode is forgotten, what fresh vectors have left over shows it."""
     waves, exact, _ = disordered
-    plain, lost, counted = filtering._solve, np.argmin(np.abs(exact - 12.3e3)), []
+    plain, lost, counted = mode_finder._solve, np.argmin(np.abs(exact - 12.3e3)), []
 
     def forgetful(*arguments):
         found = plain(*arguments)
         kept = np.ones(found.omega.size, bool)
         kept[np.argmin(np.abs(found.omega / (2.0 * np.pi) - exact[lost]))] = bool(counted)
-        return filtering._Found(*(part[..., kept] for part in found))
+        return mode_finder._Found(*(part[..., kept] for part in found))
 
     def count(*arguments):
         counted.append(missing(*arguments))
         return counted[-1]
 
-    missing = filtering._missing
+    missing = mode_finder._missing
     filters(_solve=forgetful, _missing=count)
     modes = waves.modes(5, 12.3e3)
     assert 0.1 < counted[0] < 5.0
@@ -342,7 +341,7 @@ def test_filters_miss_no_mode(filters, disordered):
 @pytest.mark.parametrize("disordered", [False], indirect=True, ids=["free of forces"])
 def test_filters_say_beforehand_what_is_too_much(filters, disordered, monkeypatch, limit, value):
     filters(**{limit: value})
-    monkeypatch.delattr(filtering._Window, "apply")
+    monkeypatch.delattr(mode_finder._Window, "apply")
     with pytest.raises(
         InputError, match=r"9 modes of 972 motions take .* GB, and .* products of D with a vector.*density of"
     ):

@@ -13,10 +13,8 @@ import granphon as gp
 from granphon.balls.motions import allowed_motions
 from granphon.base.errors import InputError, InstabilityError, UnreachableFrequencyError
 from granphon.waves.operator import WaveOperator
-from granphon.waves.planes import Course
 from granphon.waves.propagation import Propagation, ToneBurst
-from granphon.waves.pulse_source import PulseSource, transmit
-from granphon.waves.pulses import Pulse, average_pulses, find_arrivals
+from granphon.waves.pulses import Course, Pulse, PulseSource, average_pulses, find_arrivals, transmit
 from granphon.waves.settings import PulseSettings
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)

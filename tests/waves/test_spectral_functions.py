@@ -14,7 +14,7 @@ from scipy.stats import t as student
 import granphon as gp
 from granphon.balls.diameters import uniform_numbers
 from granphon.base.errors import InputError, InstabilityError, PrecisionError
-from granphon.figures.spectra import lines_figure
+from granphon.figures.plot import plot
 from granphon.networks.network import ContactNetwork
 from granphon.waves.chebyshev import Kernel, Moments
 from granphon.waves.plane_waves import PeriodicCell, fold_wavevectors, nearest_wavevectors
@@ -632,7 +632,7 @@ def test_nearest_wave_vector_of_a_skewed_cell(tilts, skews, q, p, power):
 def test_curves_are_labelled_with_the_wavenumber_of_the_velocities():
     lattice, waves = perfect("triangular", (6, 5))
     found = waves.spectral_function(q_of(lattice, [(1.0 / 6.0, 0.0), (7.0 / 6.0, 0.0)]), moments=64)
-    labels = [line.get_label() for line in lines_figure(found).axes[0].get_lines()]
+    labels = [line.get_label() for line in plot(found).axes[0].get_lines()]
     assert labels == [f"|q| = {one:.4g} /m" for one in found.wavenumber]
     assert labels[0] == labels[1]
 

@@ -1,10 +1,10 @@
-// The picture of the bands, coloured by their rotational part, with the density of states beside them.
+// The picture of the bands, coloured by their rotational part or by the edge of a cut that moves, with the density of states beside them.
 // plotly draws the axes and the density of states, anew when they change. The curves move with every slider: they are paths
 // of their own above plotly's picture, which take a hundredth of the time.
 
 import { partColour, themeColour } from "./theme.js";
 
-// Colours between displacement and rotation: one path for each
+// Colours between displacement and rotation, or lower and upper edge: one path for each
 const SHADES = 9;
 const QUIET = { displayModeBar: false, responsive: true, scrollZoom: false, doubleClick: false, showTips: false };
 const SVG = "http://www.w3.org/2000/svg";
@@ -29,8 +29,8 @@ export class BandsView {
 
   // bands: {values, turning, branches}; path; dos or null; unit: {name, scale}, reduced frequencies times scale are in it.
   // The axis fits the frequencies when the page is `still`; while a slider moves it stays as long as they are well inside it
-  draw({ bands, path, dos, unit, selected }, still = false) {
-    this.drawn = { bands, path, unit, selected };
+  draw({ bands, path, dos, unit, selected, byEdge }, still = false) {
+    this.drawn = { bands, path, unit, selected, byEdge };
     const top = bands.values.reduce((most, one) => (one > most ? one : most), 0) * unit.scale;
     if (still || this.unit !== unit.name || top > this.axisTop || top < 0.4 * this.axisTop) this.axisTop = 1.1 * top || 1;
     this.unit = unit.name;
@@ -62,7 +62,8 @@ export class BandsView {
     const layout = this.element._fullLayout;
     if (!layout?._size) return;
     const { l: left, t: top, h: height } = layout._size;
-    const { bands, path, unit, selected } = this.drawn;
+    const { bands, path, unit, selected, byEdge } = this.drawn;
+    const parts = byEdge ? bands.edges.map((one) => 0.5 + 0.5 * one) : bands.turning;
     const width = layout.xaxis._length;
     Object.assign(this.overlay.style, { left: `${left}px`, top: `${top}px`, width: `${width}px`, height: `${height}px` });
     const n = bands.branches;
@@ -79,7 +80,7 @@ export class BandsView {
           last = -1;
           continue;
         }
-        const shade = Math.min(Math.floor(0.5 * (bands.turning[from] + bands.turning[to]) * SHADES), SHADES - 1);
+        const shade = Math.min(Math.floor(0.5 * (parts[from] + parts[to]) * SHADES), SHADES - 1);
         if (shade !== last) curves[shade].push(`M${x[at - 1]},${y[from]}`);
         curves[shade].push(`L${x[at]},${y[to]}`);
         last = shade;
@@ -87,7 +88,7 @@ export class BandsView {
     }
     curves.forEach((curve, shade) => {
       this.paths[shade].setAttribute("d", curve.join(""));
-      this.paths[shade].setAttribute("stroke", partColour(shade / (SHADES - 1)));
+      this.paths[shade].setAttribute("stroke", partColour(shade / (SHADES - 1), byEdge ? "line" : "mix"));
     });
     const level = y[selected.point * n + selected.branch];
     this.mark.setAttribute("visibility", level === undefined || level === "NaN" ? "hidden" : "visible");

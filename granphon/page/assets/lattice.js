@@ -63,6 +63,38 @@ export function rotationalPart(lattice, modes, branch) {
   return Math.min(sum, 1);
 }
 
+// Kinetic energy of each mode at the upper edge of a cut less that at the lower one, -1 to 1. Modes whose frequencies differ by
+// less than a ten-thousandth of the highest are those that are most at one edge.
+export function edgeParts(lattice, modes) {
+  const { sides, masses, gyration } = lattice.data;
+  const n = lattice.branches;
+  const found = new Float64Array(n);
+  const motions = Array.from({ length: n }, (_, k) => ballMotions(lattice, modes, k));
+  const weight = (ball, axis) => sides[ball] * masses[ball] * (axis < 3 ? 1 : (gyration[ball] ?? gyration) ** 2);
+  for (let first = 0; first < n; ) {
+    let end = first + 1;
+    while (end < n && modes.values[end] - modes.values[end - 1] <= 1e-4 * modes.values[n - 1]) end++;
+    const count = end - first;
+    const matrix = zeroMatrix(count, count, true);
+    for (let a = 0; a < count; a++) {
+      for (let b = 0; b < count; b++) {
+        sides.forEach((side, ball) => {
+          if (!side) return;
+          for (let axis = 0; axis < 6; axis++) {
+            const [xRe, xIm] = motions[first + a][ball][axis];
+            const [yRe, yIm] = motions[first + b][ball][axis];
+            matrix.re[b * count + a] += weight(ball, axis) * (xRe * yRe + xIm * yIm);
+            matrix.im[b * count + a] += weight(ball, axis) * (xRe * yIm - xIm * yRe);
+          }
+        });
+      }
+    }
+    found.set(hermitianEigen(matrix).values, first);
+    first = end;
+  }
+  return found;
+}
+
 // Motion of each ball in mode `branch`: complex u (diameters) and phi (rad) along x, y, z, before the factor exp(i q.r)
 export function ballMotions(lattice, modes, branch) {
   const found = [];

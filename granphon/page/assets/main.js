@@ -70,7 +70,8 @@ function redraw(points = null) {
   const [prefix, size] = choosePrefix(top * hertz || hertz);
   const unit = { name: `${prefix}Hz`, scale: hertz / size };
   const selected = { point: nearestPoint(path), branch: state.branch };
-  current = { contact, lattice, path, bands, unit, selected, top, dos: null };
+  const byEdge = Boolean(state.edges && bands.edges);
+  current = { contact, lattice, path, bands, unit, selected, top, byEdge, dos: null };
   bandsView.draw(current);
   if (!problem) drawMode();
   const sound = problem ? [] : findSound(data, contact, lattice);
@@ -169,6 +170,7 @@ function makeControls() {
   found.mindlin = makeSwitch(form, "mindlin", "Torsion of contacts that do not slip", (mindlin) => change({ mindlin }));
   found.overlap = makeSwitch(form, "overlap", "Finite overlap (spacing, lever arm, static forces)", (overlap) => change({ overlap }));
   const picker = byId("picker");
+  found.edges = makeSwitch(picker, "edges", "Colour by edge, not by rotation", (edges) => change({ edges }));
   found.place = makeSlider(picker, { name: "place", label: "Wave vector along the path", min: 0, max: 1, print: printPlace }, (place) => change({ place }));
   const most = Math.max(...lattice.motions.map((one) => one.translations.length + one.rotations.length)) * lattice.positions.length;
   found.branch = makeSlider(picker, { name: "branch", label: "Branch", min: 0, max: most - 1, steps: most - 1, print: (x) => String(Math.round(x) + 1) },
@@ -188,13 +190,18 @@ function showControls(lattice) {
   if (data.fixed) { // there is nothing to set but the mode
     for (const [name, control] of Object.entries(controls)) {
       control.show(state[name]);
-      control.field.hidden = !["place", "branch"].includes(name);
+      control.field.hidden = !["place", "branch", ...(data.lattice.sides ? ["edges"] : [])].includes(name);
     }
-    byId("legend").hidden = !lattice.rotations.length;
+    const byEdge = Boolean(data.lattice.sides && state.edges);
+    const [low, scale, high] = byId("legend").children;
+    [low.textContent, high.textContent] = byEdge ? ["lower edge", "upper edge"] : ["displacement", "rotation"];
+    scale.classList.toggle("edges", byEdge);
+    byId("legend").hidden = !lattice.rotations.length && !byEdge;
     byId("velocities").hidden = true;
     return;
   }
   for (const [name, control] of Object.entries(controls)) control.show(state[name]);
+  controls.edges.field.hidden = true;
   const known = data.lattice.motions.find((one) => one.name === state.motions);
   const medium = data.media[state.medium];
   const spreads = data.lattice.periods > 1 && !medium.refusal && (medium.table || data.start.width > 0);

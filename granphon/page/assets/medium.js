@@ -4,11 +4,14 @@
 // there is no such state. `data` is that of the page, `medium` one of its media.
 export function findContact(data, medium, force, width, eta) {
   if (data.fixed) return { stiffness: data.balls.stiffness, reduced: Infinity, problem: "" }; // a network is as it is
-  const c = data.balls.coefficient;
-  const delta = (force / c) ** (2 / 3);
-  const equal = { overlap: delta, stiffness: 1.5 * c * Math.sqrt(delta), exponent: 1 / 6, reduced: Infinity, problem: "" };
+  const { coefficient: c, power } = data.balls; // of the law f = c delta^power
+  const delta = (force / c) ** (1 / power);
+  const equal = {
+    overlap: delta, stiffness: power * c * delta ** (power - 1), exponent: (power - 1) / (2 * power), reduced: Infinity,
+    problem: "",
+  };
   if (!(width > 0) || data.lattice.periods === 1) return equal;
-  const reduced = force / (c * width ** 1.5);
+  const reduced = force / (c * width ** power);
   if (medium.refusal) return { ...equal, reduced, problem: medium.refusal };
   if (!medium.table) return { ...equal, reduced };
   const { log_force: nodes, roots } = medium.table;
@@ -30,15 +33,15 @@ export function findContact(data, medium, force, width, eta) {
     for (const name of Object.keys(found)) found[name] += weight * one[name];
   });
   return {
-    overlap: found.overlap * width, stiffness: c * Math.sqrt(width) * Math.exp(found.log), exponent: 0.5 * found.slope,
+    overlap: found.overlap * width, stiffness: c * width ** (power - 1) * Math.exp(found.log), exponent: 0.5 * found.slope,
     reduced, problem: "",
   };
 }
 
 // Stiffness of a contact against twist, over k d^2, that does not slip, of equal balls at the force
 export function mindlinTorsion(data, force, stiffness) {
-  const { diameter, coefficient, shear_modulus: modulus } = data.balls;
-  const overlap = (force / coefficient) ** (2 / 3);
+  const { diameter, coefficient, power, shear_modulus: modulus } = data.balls;
+  const overlap = (force / coefficient) ** (1 / power); // the radius of the contact is (diameter overlap)^(1/2) / 2
   return ((modulus / 3) * diameter * (overlap / diameter) ** 1.5) / stiffness;
 }
 

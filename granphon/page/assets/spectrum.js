@@ -1,25 +1,27 @@
 // Frequencies and rotational parts along the path, and the density of states on a mesh.
 
-import { rotationalPart, solveModes } from "./lattice.js";
+import { edgeParts, rotationalPart, solveModes } from "./lattice.js";
 
 // Wave vectors of the density of states: fewer for cells of many balls, which have as many frequencies
 const COUNT = (branches) => Math.max(100, Math.min(1000, Math.round(20000 / branches)));
 const BINS = 90;
 
-// Values (points x branches) and rotational parts of all branches; `buckles` is the index of the first point where a squared
+// Values (points x branches) and rotational parts of all branches, and of a cut the parts at its edges, -1 to 1; `buckles` is the index of the first point where a squared
 // frequency is negative, or -1
 export function computeBands(lattice, points) {
   const n = lattice.branches;
   const values = new Float64Array(points.length * n);
   const turning = new Float64Array(points.length * n);
+  const edges = lattice.data.sides ? new Float64Array(points.length * n) : null;
   let buckles = -1;
   points.forEach((q, at) => {
     const modes = solveModes(lattice, q);
     if (modes.buckles && buckles < 0) buckles = at;
     values.set(modes.values, at * n);
     for (let k = 0; k < n && lattice.rotations.length; k++) turning[at * n + k] = rotationalPart(lattice, modes, k);
+    if (edges && !modes.buckles) edges.set(edgeParts(lattice, modes), at * n);
   });
-  return { values, turning, branches: n, buckles };
+  return { values, turning, edges, branches: n, buckles };
 }
 
 // Density of states per ball of the reduced frequency, gathered in slices of time so that the page stays quick:

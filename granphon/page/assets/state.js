@@ -4,10 +4,10 @@ import { makeLattice } from "./lattice.js";
 import { findContact, mindlinTorsion } from "./medium.js";
 
 const NUMBERS = { force: "f", width: "w", eta: "eta", torsion: "t", bending: "b", place: "q", branch: "n" };
-const SWITCHES = { overlap: "o", mindlin: "m" };
+const SWITCHES = { overlap: "o", mindlin: "m", edges: "e" };
 
 export function startState(data) {
-  return { ...data.start, medium: 0, place: 0.3, branch: 0, theme: "" };
+  return { ...data.start, medium: 0, place: 0.3, branch: 0, theme: "", edges: Boolean(data.lattice.sides) };
 }
 
 // The part of the link after "#"

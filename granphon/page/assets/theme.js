@@ -14,9 +14,9 @@ export function themeColour(name) {
   return colours.get(name);
 }
 
-// Colour of a part from 0 (displacement) to 1 (rotation), as text
-export function partColour(part) {
-  const [low, middle, high] = ["move", "mix", "turn"].map((name) => readHex(themeColour(name)));
+// Colour of a part from 0 (displacement, lower edge) to 1 (rotation, upper edge), as text, with the colour of the middle
+export function partColour(part, between = "mix") {
+  const [low, middle, high] = ["move", between, "turn"].map((name) => readHex(themeColour(name)));
   const [from, to, t] = part < 0.5 ? [low, middle, 2 * part] : [middle, high, 2 * part - 1];
   return `rgb(${from.map((one, n) => Math.round(one + t * (to[n] - one))).join(",")})`;
 }

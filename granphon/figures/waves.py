@@ -1,4 +1,4 @@
-"""Figures of the spectra of networks: spectral functions along a path, attenuation, densities of states; also over loads."""
+"""Figures of waves in networks: spectral functions, attenuation, densities of states, of edges and loads too; pulses."""
 
 from __future__ import annotations
 
@@ -6,35 +6,41 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from granphon.figures.scales import SPECTRUM, add_legend, draw_alone, draw_densities, scale_axis
+from granphon.figures.scales import MOTION, SPECTRUM, add_bar, add_legend, draw_densities, scale_axis, styled_figure
 
 import matplotlib
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
+from matplotlib.collections import EllipseCollection
+from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from granphon.base.errors import InputError, message
 from granphon.base.scales import HertzPrefix
-from granphon.figures.curves import find_load, list_combinations, pick_evenly, write_labels
+from granphon.figures.bands import name_corners
+from granphon.figures.curves import describe_lines, find_load
 from granphon.figures.style import (
     BLUE,
     COLOURS,
     COLUMN_WIDTH,
     DPI,
+    GUIDE,
     ORANGE,
     PURPLE,
     STYLE,
     VERMILION,
+    pick_evenly,
     print_hertz,
-)  # fmt: skip
-from granphon.figures.zones import name_corners
+)
+from granphon.figures.words import find_differing, write_value
+from granphon.networks.network import ContactNetwork
 from granphon.phonons.surfaces import SurfaceBranches, SurfaceSpectrum
 from granphon.waves.dos import SpectralDensity
 from granphon.waves.path_spectra import PathSpectra
+from granphon.waves.pulses import Pulse
 from granphon.waves.spectral_functions import SpectralFunction
 
 if TYPE_CHECKING:
@@ -54,6 +60,8 @@ _MOST = 8
 _PART = (0.0, 0.85)
 #: part of the samples in which a line must be resolved, for its width to be drawn
 _RESOLVED = 0.5
+#: number of single balls whose signals a seismogram shows
+_BALLS = 6
 
 
 def plot_spectrum(spectra: PathSpectra, ax: Axes, number: int = 0, *, bands: bool = True, peaks: bool = True) -> Axes:
@@ -82,11 +90,8 @@ def plot_spectrum(spectra: PathSpectra, ax: Axes, number: int = 0, *, bands: boo
         edges_y, values = np.append(edges_y, top / unit.hertz), np.pad(values, ((0, 0), (0, 1)))
     corners = spectra.corners
     edges_x, owner = _find_columns(x, corners)
-    most = float(values.max()) * unit.hertz
-    norm = LogNorm(most / _SHADES, most)
-    shades = np.maximum(values[owner].T * unit.hertz, most / _SHADES)
-    shades[:, owner < 0] = np.nan
-    mesh = ax.pcolormesh(edges_x, edges_y, shades, norm=norm, cmap=SPECTRUM, rasterized=True, gid="spectral-function")
+    shown = np.where(owner[:, None] < 0, np.nan, values[owner])
+    _draw_map(ax, edges_x, edges_y, shown, f"Spectral function, {one.polarisation}", unit, gid="spectral-function")
     if bands:
         label = "bands of the mean lattice"
         per = spectra.band_distances.size // (len(corners) - 1)
@@ -105,52 +110,63 @@ def plot_spectrum(spectra: PathSpectra, ax: Axes, number: int = 0, *, bands: boo
         dots.set_clip_on(False)  # those at the ends of the path are drawn whole
     name_corners(ax, corners, spectra.labels)
     ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(0.0, top / unit.hertz))
-    figure: Any = ax.get_figure()
-    bar = figure.colorbar(mesh, ax=ax, location="top", aspect=40, pad=0.02)
-    bar.set_label(f"Spectral function, {one.polarisation} (1/{print_hertz(unit)})")
     return ax
+
+
+def _draw_map(ax: Axes, x: Array, y: Array, values: Array, label: str, unit: HertzPrefix, **options: Any) -> None:
+    """Draw a spectrum ``values`` (n_x, n_y), 1/Hz, as a map on a logarithmic scale, with its colour bar above it."""
+    shown = values.T * unit.hertz
+    least = float(np.nanmax(shown)) / _SHADES
+    norm = LogNorm(least, _SHADES * least)
+    mesh = ax.pcolormesh(x, y, np.maximum(shown, least), norm=norm, cmap=SPECTRUM, rasterized=True, **options)
+    add_bar(ax, mesh, f"{label} (1/{print_hertz(unit)})")
 
 
 def plot_surface(spectrum: SurfaceSpectrum, ax: Axes, *, branches: SurfaceBranches | None = None) -> Axes:
     """Draw the spectrum of the outer layer of a half space as a map, on a logarithmic scale, over the wave vectors in turn.
 
-    Lines are the edges of the crystal's bands, and dots the ``branches``, at the same wave vectors. The x axis counts the
-    first coordinate that changes, in fractions of the reciprocal cell.
+    Dashes are the edges of the crystal's bands, and dots the ``branches`` at the same wave vectors, by default the waves
+    that the spectrum has: full ones are undamped, hollow ones leak. The x axis is that of the path; without one it counts
+    the first coordinate that changes, in fractions of the reciprocal cell. At one wave vector, as at the end of a chain, the
+    spectrum of each motion is drawn over frequency instead, with bands in grey and waves dotted.
     """
-    unit, q = HertzPrefix.for_top(float(spectrum.edges.max())), spectrum.qpoints
+    unit, q, own = HertzPrefix.for_top(float(spectrum.edges.max())), spectrum.qpoints, branches or spectrum.waves
+    y = spectrum.frequencies / unit.hertz
+    if len(y) < 2:
+        raise InputError(message("a map needs several frequencies", mend="Give more of them"))
+    edges = spectrum.edges / unit.hertz
+    if len(q) == 1:
+        for colour, letter, values in zip(COLOURS, spectrum.letters, spectrum.by_motion[0].T, strict=False):
+            ax.plot(y, values * unit.hertz, color=colour, linewidth=0.9, label=f"${letter}$")
+        for low, high in edges[0]:
+            ax.axvspan(low, high, color="0.9", linewidth=0.0, zorder=0.0)
+        for number, value in enumerate([] if own is None else own.frequencies / unit.hertz):
+            ax.axvline(value, color="0.2", linewidth=0.8, dashes=(1, 2), label="_" if number else "wave of the edge")
+        ax.set(xlim=(y[0], y[-1]), ylim=(0.0, None), xlabel=f"Frequency ({print_hertz(unit)})")
+        ax.set(ylabel=f"Outer layer (1/{print_hertz(unit)})")
+        ax.legend()
+        return ax
     moving = np.flatnonzero(np.ptp(q, axis=0) > 0.0)
-    if len(q) < 2 or not moving.size or len(spectrum.frequencies) < 2:
-        raise InputError(message("a map needs several wave vectors and frequencies", mend="Give more of them"))
-    x, y = q[:, moving[0]], spectrum.frequencies / unit.hertz
-    values, most = spectrum.values.T * unit.hertz, float(spectrum.values.max()) * unit.hertz
-    norm = LogNorm(most / _SHADES, most)
-    mesh = ax.pcolormesh(
-        x, y, np.maximum(values, most / _SHADES), norm=norm, cmap=SPECTRUM, shading="nearest", rasterized=True, gid="surface"
-    )
-    for edge in spectrum.edges.reshape(len(q), -1).T / unit.hertz:
-        ax.plot(x, edge, color="0.35", linewidth=0.5, dashes=(3, 2))
-    if branches is not None:
-        ax.plot(
-            x[branches.place],
-            branches.frequencies / unit.hertz,
-            "o",
-            markersize=1.6,
-            color=ORANGE,
-            label="waves of the edge",
-        )
-    ax.set(xlabel=f"Wave vector $q_{moving[0] + 1}$ (reciprocal cell)", ylabel=f"Frequency ({print_hertz(unit)})")
-    ax.set(xlim=(x.min(), x.max()), ylim=(0.0, y[-1]))
-    figure: Any = ax.get_figure()
-    figure.colorbar(mesh, ax=ax, location="top", aspect=40, pad=0.02).set_label(f"Outer layer (1/{print_hertz(unit)})")
+    if not moving.size:
+        raise InputError(message("a map needs several wave vectors", mend="Give more of them"))
+    x = spectrum.distances if spectrum.labels else q[:, moving[0]]
+    _draw_map(ax, x, y, spectrum.values, "Outer layer", unit, shading="nearest", gid="surface")
+    for number, edge in enumerate(edges.reshape(len(q), -1).T):
+        ax.plot(x, edge, color="0.35", linewidth=0.5, dashes=(3, 2), label="_" if number else "edges of bands")
+    if own is not None:
+        for leaks, words in ((False, "waves of the edge"), (True, "leaky waves")):
+            some = (own.widths > 0.0) == leaks
+            if np.any(some):
+                look: dict[str, Any] = {"markersize": 1.6, "color": ORANGE, "label": words}
+                look |= {"markerfacecolor": "none", "markeredgewidth": 0.4} if leaks else {}
+                ax.plot(x[own.place[some]], own.frequencies[some] / unit.hertz, "o", **look)
+    if spectrum.labels:
+        name_corners(ax, spectrum.corners, spectrum.labels)
+    else:
+        ax.set(xlabel=f"Wave vector $q_{moving[0] + 1}$ (reciprocal cell)")
+    ax.set(ylabel=f"Frequency ({print_hertz(unit)})", xlim=(x.min(), x.max()), ylim=(0.0, y[-1]))
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
     return ax
-
-
-def surface_figure(spectrum: SurfaceSpectrum, *, branches: SurfaceBranches | None = None) -> Figure:
-    """Draw :func:`plot_surface` as a figure, one column wide."""
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(COLUMN_WIDTH, 3.1), dpi=DPI, layout="constrained")
-        plot_surface(spectrum, figure.subplots(), branches=branches)
-    return figure
 
 
 def _find_columns(x: Array, corners: Array) -> tuple[Array, NDArray[np.intp]]:
@@ -183,8 +199,7 @@ def spectrum_figure(spectra: PathSpectra) -> Figure:
     """
     count = len(spectra.spectra)
     resolved = [one for one in spectra.spectra if np.sum(one.resolved & (one.width > 0.0)) > 1]
-    with matplotlib.rc_context(STYLE):
-        figure = Figure((COLUMN_WIDTH, 0.3 + 2.8 * count + 2.0 * bool(resolved)), dpi=DPI, layout="constrained")
+    with styled_figure(0.3 + 2.8 * count + 2.0 * bool(resolved)) as figure:
         ratios = [1.4] * count + [1.0] * bool(resolved)
         panels = figure.subplots(len(ratios), 1, squeeze=False, height_ratios=ratios)[:, 0]
         for number, ax in enumerate(panels[:count]):
@@ -227,11 +242,11 @@ def plot_lines(spectrum: SpectralFunction, ax: Axes) -> Axes:
 
     The axis of frequency ends above the highest frequency at which a line has a thousandth of the highest peak.
     """
-    chosen = np.unique(np.linspace(0, len(spectrum.q) - 1, len(COLOURS)).round().astype(int))
+    chosen = pick_evenly(len(spectrum.q), len(COLOURS))
     values = spectrum.values[chosen]
     top = float(spectrum.frequencies[np.flatnonzero(values.max(axis=0) > 1e-3 * values.max())[-1]])
     unit = HertzPrefix.for_top(top)
-    for colour, n in zip(COLOURS, chosen.tolist(), strict=False):
+    for colour, n in zip(COLOURS, chosen, strict=False):
         ax.plot(
             spectrum.frequencies / unit.hertz, spectrum.values[n] * unit.hertz, color=colour, linewidth=0.9,
             label=f"|q| = {spectrum.wavenumber[n]:.4g} /m",
@@ -242,11 +257,6 @@ def plot_lines(spectrum: SpectralFunction, ax: Axes) -> Axes:
     )  # fmt: skip
     ax.legend()
     return ax
-
-
-def lines_figure(spectrum: SpectralFunction) -> Figure:
-    """Draw a figure, one column wide, of a spectral function at its wave vectors; see :func:`plot_lines`."""
-    return draw_alone(partial(plot_lines, spectrum), 2.6)
 
 
 def plot_sample_dos(dos: SpectralDensity, ax: Axes) -> Axes:
@@ -261,11 +271,6 @@ def plot_sample_dos(dos: SpectralDensity, ax: Axes) -> Axes:
     return ax
 
 
-def sample_dos_figure(dos: SpectralDensity) -> Figure:
-    """Draw a figure, one column wide, of the density of states of a network; see :func:`plot_sample_dos`."""
-    return draw_alone(partial(plot_sample_dos, dos), 2.4)
-
-
 # -- over loads ---------------------------------------------------------------------------------------------------------
 
 
@@ -277,8 +282,7 @@ def sweep_dos_figure(dataset: Dataset) -> Figure:
     no densities of states.
     """
     states, handles = _choose_states(dataset, "dos_total", "densities of states")
-    with matplotlib.rc_context(STYLE):
-        figure = Figure((COLUMN_WIDTH, 2.8), dpi=DPI, layout="constrained")
+    with styled_figure(2.8) as figure:
         names = ("dos_frequency", "dos_total", "dos_error")
         draw_densities(figure.subplots(), ((colour, "", *(take(name) for name in names)) for colour, take in states))
         add_legend(figure, handles, room=1)
@@ -295,8 +299,7 @@ def sweep_spectra_figure(dataset: Dataset) -> Figure:
     """
     states, handles = _choose_states(dataset, "line_frequency", "spectra")
     count, unit = dataset.sizes["polarisation"], HertzPrefix.for_top(float(np.nanmax(dataset["line_frequency"].values)))
-    with matplotlib.rc_context(STYLE):
-        figure = Figure((COLUMN_WIDTH, 0.4 + 4.2 * count), dpi=DPI, layout="constrained")
+    with styled_figure(0.4 + 4.2 * count) as figure:
         panels = figure.subplots(2 * count, 1, squeeze=False, height_ratios=[1.2, 1.0] * count)[:, 0]
         for number, name in enumerate(dataset["polarisation"].values.tolist()):
             (above, below), corners, shown = panels[2 * number : 2 * number + 2], np.zeros(0), [np.zeros(0)]
@@ -339,13 +342,18 @@ def _choose_states(dataset: Dataset, name: str, what: str) -> tuple[list[tuple[A
     if name not in dataset:
         raise InputError(message(f"the sweep has no {what} of arrays", mend="Draw another figure"))
     load = find_load(dataset)
-    loads, media = write_labels(dataset, load), write_labels(dataset, "medium")
-    found = []
-    for at in np.argsort(dataset[load].values, kind="stable").tolist():
-        for m, medium in enumerate(media):
-            for words, place in list_combinations(dataset):
-                parts = [loads[at]] * (len(loads) > 1) + [medium] * (len(media) > 1) + [words] * bool(words)
-                found.append((", ".join(parts) or loads[at], place | {"medium": m, "load": at}))
+    values, unit, lines, found = (
+        dataset[load].values,
+        dataset[load].attrs.get("units", ""),
+        describe_lines(dataset, name),
+        [],
+    )
+    kinds, _ = find_differing([facts for facts, _ in lines])
+    for at in np.argsort(values, kind="stable").tolist():
+        size = write_value(float(values[at]), unit)
+        for facts, place in lines:
+            parts = [size] * (len(values) > 1) + [facts[kind] for kind in kinds]
+            found.append((", ".join(parts) or size, place | {"load": at}))
     chosen = pick_evenly(len(found), _MOST)
     shades = colormaps["viridis"](np.linspace(*_PART, len(chosen)) if len(chosen) > 1 else [0.3])
 
@@ -360,3 +368,103 @@ def _choose_states(dataset: Dataset, name: str, what: str) -> tuple[list[tuple[A
     if len(found) > len(chosen):
         handles.append(Line2D([], [], linestyle="none", label=f"{len(chosen)} of {len(found)} are drawn"))
     return states, handles
+
+
+def plot_seismogram(pulse: Pulse, ax: Axes, balls: int = _BALLS) -> Axes:
+    """Draw the burst that was sent, the coherent signal, and the signals of some single balls, one above the other.
+
+    Means over further planes are drawn too, if the pulse has them. Each trace is over time, ms; those of balls and of means
+    are in proportion to the greatest signal. A mark shows the time of flight by the envelope, if it
+    can be read.
+    """
+    t = 1e3 * pulse.times
+    most = float(np.max(np.abs(pulse.signals)))
+    chosen = pick_evenly(len(pulse.signals), balls)
+    traces = [("sent", pulse.sent / np.max(np.abs(pulse.sent)), GUIDE), ("mean", pulse.coherent / most, BLUE)]
+    traces += [
+        (f"at {1e3 * distance:.3g} mm", trace / most, BLUE)
+        for distance, trace in zip(pulse.plane_distances, pulse.planes, strict=True)
+    ]
+    traces += [(f"ball {pulse.receivers[n]}", pulse.signals[n] / most, VERMILION) for n in chosen]
+    for row, (_, trace, colour) in enumerate(traces):
+        ax.plot(t, 0.45 * trace - row, color=colour, linewidth=0.7)
+    ax.set_yticks(-np.arange(len(traces)), [name for name, _, _ in traces])
+    ax.tick_params(axis="y", length=0)
+    told = ": its arrival is not known"
+    if not pulse.why_unknown:
+        time = pulse.time_of_flight
+        ax.axvline(1e3 * (time + 0.5 * pulse.cycles / pulse.frequency), color="black", linewidth=0.6, dashes=(3, 2))
+        told = f" in {1e3 * time:.4g} ms: {pulse.distance / time:.4g} m/s"
+    ax.set(xlabel="Time (ms)", xlim=t[[0, -1]], ylim=(-len(traces) + 0.4, 0.6))
+    ax.set_title(f"{1e3 * pulse.distance:.4g} mm{told}")
+    return ax
+
+
+def pulse_figure(pulse: Pulse) -> Figure:
+    """Draw a figure, one column wide: the seismogram, and the coherent part beside the speckle."""
+    with styled_figure(4.2) as figure:
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.9, 1.0])
+        plot_seismogram(pulse, above)
+        above.tick_params(axis="x", labelbottom=True)
+        t, size = 1e3 * pulse.times, 1e6
+        below.plot(t, size * pulse.envelope, color=BLUE, linewidth=1.0, label="coherent, envelope")
+        below.plot(t, size * pulse.speckle_amplitude, color=VERMILION, linewidth=1.0, label="speckle, rms")
+        below.set(xlabel="Time (ms)", ylabel="Velocity (µm/s)", ylim=(0.0, None))
+        # above the panel: within it the two curves leave no place that is always free
+        below.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, borderaxespad=0.2)
+    return figure
+
+
+def plot_frame(network: ContactNetwork, pulse: Pulse, frame: int, ax: Axes, most: float | None = None) -> Axes:
+    """Draw the balls of a network in the plane, coloured by their velocity along the polarisation at one of the frames.
+
+    ``most`` is the velocity, m/s, of the strongest colour; by default the greatest of this frame.
+    """
+    if not 0 <= frame < len(pulse.frames):
+        what = f"the pulse has no frame {frame}; it has {len(pulse.frames)}"
+        raise InputError(message(what, mend="Give transmit the times of frames"))
+    along = pulse.velocities[frame] @ pulse.polarisation
+    limit = float(np.max(np.abs(along))) if most is None else most
+    there = np.isfinite(network.radii)
+    sizes, places = 2e3 * network.radii[there], 1e3 * network.positions[there, :2]
+    if network.pbc[0] and not np.any(network.cell[0, 1:]):  # an oblique cell is drawn as a rectangle
+        places[:, 0] = np.mod(places[:, 0], 1e3 * network.cell[0, 0])
+    balls = EllipseCollection(
+        sizes, sizes, 0.0 * sizes, units="xy", offsets=places, offset_transform=ax.transData, array=along[there],
+        cmap=MOTION, norm=Normalize(-limit, limit), gid="balls",
+    )  # fmt: skip
+    ax.add_collection(balls, autolim=False)
+    low, high = places.min(axis=0) - sizes.max(), places.max(axis=0) + sizes.max()
+    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel="x (mm)", ylabel="y (mm)")
+    ax.set_title(f"{1e3 * pulse.frames[frame]:.3f} ms")
+    return ax
+
+
+def animate_pulse(network: ContactNetwork, pulse: Pulse, interval: float = 60.0, figure: Figure | None = None) -> Any:
+    """Return a ``matplotlib.animation.FuncAnimation`` of the wave that crosses the array, one picture for each frame.
+
+    ``interval`` is the time between pictures, ms; ``figure`` is drawn on, by default a new one. Raises
+    :class:`~granphon.base.errors.InputError` for a pulse without frames.
+    """
+    from matplotlib.animation import FuncAnimation
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    if not len(pulse.frames):
+        raise InputError(message("the pulse has no frames", mend="Give transmit the times of frames"))
+    with matplotlib.rc_context(STYLE):
+        if figure is None:
+            figure = Figure((COLUMN_WIDTH, COLUMN_WIDTH), dpi=DPI // 2, layout="constrained")
+            FigureCanvasAgg(figure)
+        ax = figure.subplots()
+        most = 0.5 * float(np.max(np.abs(pulse.velocities @ pulse.polarisation), initial=0.0))
+        plot_frame(network, pulse, 0, ax, most)
+    (balls,) = ax.collections
+    there = np.isfinite(network.radii)
+
+    def show(frame: int) -> Any:
+        balls.set_array((pulse.velocities[frame] @ pulse.polarisation)[there])
+        ax.set_title(f"{1e3 * pulse.frames[frame]:.3f} ms")
+        return (balls,)
+
+    draw: Callable[..., Any] = show
+    return FuncAnimation(figure, draw, frames=len(pulse.frames), interval=interval, blit=False)

@@ -13,9 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import granphon as gp
 from granphon.base.errors import InputError, MissingFileError
 from granphon.cli.commands import main
-from granphon.figures.comparison import comparison_figure, plot_together
-from granphon.figures.curves import MOST_LOOKS, Curve, draw_curve, make_looks
-from granphon.figures.sweeps import plot_sweep
+from granphon.figures.curves import MOST_LOOKS, Curve, comparison_figure, draw_curve, make_looks, plot_sweep, plot_together
 from granphon.figures.words import describe_medium, join_facts
 from granphon.fits.fit import fit_width
 from granphon.fits.measurements import Measurements
@@ -393,14 +391,14 @@ def test_a_summary_of_another_schema_is_refused(folders, tmp_path):
 
 
 def test_a_run_that_is_exchanged_while_it_is_read_is_not_drawn(folders, tmp_path, monkeypatch):
-    from granphon.figures import comparison
+    from granphon.figures import curves
 
     def exchange(*_, **__):
         rewrite(tmp_path)
         return Figure()
 
     run_scene(tmp_path, "other", "force: 3 N")
-    monkeypatch.setattr(comparison, "comparison_figure", exchange)
+    monkeypatch.setattr(curves, "comparison_figure", exchange)
     with pytest.raises(InputError, match="was written into while it was read"):
         draw_together([tmp_path / "other", folders / "sweep"], tmp_path / "x.png")
     assert not (tmp_path / "x.png").exists()

@@ -1,0 +1,140 @@
+"""All waves of a crystal at given frequencies: those that run across its layers, and those that decay.
+
+Layers of balls follow each other across an axis, at one wave vector along them
+(:class:`granphon.dynamics.half_space.HalfSpace`).
+A motion u lambda^n of layer n obeys the sum over s of D_s lambda^s u = w u, w = omega^2, where D_s joins a layer to the s-th
+after it. That is an eigenproblem for lambda, twice as large as the layers to which contacts reach. |lambda| is one of waves
+that run; where it is less, they decay. Energy flows towards higher layers where dw/dk = -2 Im(u^H A u lambda) is above zero,
+A being the coupling from block to block (T. Ando, Phys. Rev. B 44, 8017, 1991).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.base.errors import PrecisionError, message
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+#: point of the plane of lambda from which eigenvalues are found: one without symmetry, well inside of the unit circle
+_POINT = 0.31 + 0.17j
+#: distance from the unit circle up to which a wave runs; and of lambda, up to which waves are one
+_ON_CIRCLE, _TOGETHER = 1e-7, 1e-7
+#: singular value, over the largest, up to which a coupling has none
+_UNCOUPLED = 1e-12
+#: condition of the waves of one sense from which they are not told apart
+_ALIKE = 1e11
+
+
+class Couplings(NamedTuple):
+    """Blocks of D, (n, n) or (n_f, n, n), of the layers that contacts reach across: of one block, and of it with the next.
+
+    ``inner`` has contacts on both sides, of which ``tail`` is the part of those to the next block, ``head`` of those to the
+    one before; ``up`` joins a block to the next, ``down`` to the one before (its adjoint if nothing is lost).
+    """
+
+    inner: Complex
+    tail: Complex
+    head: Complex
+    up: Complex
+    down: Complex
+
+
+class BlochWaves(NamedTuple):
+    """Waves at one frequency that run or decay in one sense, those that run first.
+
+    Attributes
+    ----------
+    factors : (m,) lambda, from layer to layer; infinitely fast decay is left out.
+    vectors : (n, m) motions of a block; of waves that run, dw/dk from block to block is plus or minus one.
+    running : number of waves that run.
+    still : (n, n - m) motions of a block that reach no other block in this sense.
+    """
+
+    factors: Complex
+    vectors: Complex
+    running: int
+    still: Complex
+
+    def continue_by(self, steps: int) -> Complex:
+        """Return F (n, n), which makes the motions of a block those of the block so many layers on; below zero, back."""
+        basis = np.concatenate([self.vectors, self.still], axis=1)
+        ahead = np.pad(self.vectors * self.factors**steps, ((0, 0), (0, self.still.shape[1])))
+        return np.asarray(np.linalg.solve(basis.T, ahead.T).T)
+
+    def find_parts(self, motion: Complex) -> Complex:
+        """Return the amplitudes (running, ...) of the waves that run in a motion (n, ...) of a block."""
+        basis = np.concatenate([self.vectors, self.still], axis=1)
+        return np.asarray(np.linalg.solve(basis, motion)[: self.running])
+
+
+def find_bloch_waves(blocks: Couplings, w: Array, layer: int) -> list[tuple[BlochWaves, BlochWaves]]:
+    """Find the waves at each w (n_f,), in the unit of the blocks: those towards higher layers, and towards lower ones.
+
+    ``layer`` is the number of motions of a layer. Raises :class:`~granphon.base.errors.PrecisionError` where waves cannot be
+    told apart: at an edge of a band, or where motions that reach no other layer resonate.
+    """
+    size, count = blocks.inner.shape[-1], len(w)
+    reach = size // layer
+    each = [np.broadcast_to(one, (count, size, size)) for one in blocks]
+    inner, _, _, up, down = each
+    # D_s, s = -reach ... reach, less w
+    steps = [down[:, :layer, :layer]]
+    steps += [inner[:, s * layer : (s + 1) * layer, :layer] for s in range(reach - 1, 0, -1)]
+    steps += [inner[:, :layer, :layer] - w[:, None, None] * np.eye(layer)]
+    steps += [inner[:, :layer, s * layer : (s + 1) * layer] for s in range(1, reach)] + [up[:, :layer, :layer]]
+    scale = np.max(np.abs(inner))
+    one, other = np.zeros((2, count, 2 * size, 2 * size), complex)
+    one[:, :-layer, layer:] = other[:, :-layer, :-layer] = np.eye(2 * size - layer)
+    one[:, -layer:] = -np.concatenate(steps[:-1], axis=2) / scale
+    other[:, -layer:, -layer:] = steps[-1] / scale
+    inverse, vectors = np.linalg.eig(np.linalg.solve(one - _POINT * other, other))
+    found = []
+    for at in range(count):
+        lost = [_null_space(coupling[at]) for coupling in (down, up)]
+        # 1/(lambda - point): zero where the decay towards lower layers is infinitely fast, and -1/point towards higher ones
+        order = np.argsort(np.abs(inverse[at] + 1.0 / _POINT))
+        kept = np.setdiff1d(order[lost[0].shape[1] :], np.argsort(np.abs(inverse[at]))[: lost[1].shape[1]])
+        factors, motions = _POINT + 1.0 / inverse[at, kept], vectors[at][:size, kept]
+        found.append(_sort_senses(factors, motions, up[at], down[at], lost, reach))
+    return found
+
+
+def _null_space(coupling: Complex) -> Complex:
+    """Return an orthonormal basis (n, m) of the motions on which a coupling does not act."""
+    _, values, right = np.linalg.svd(coupling)
+    return np.asarray(right[values <= _UNCOUPLED * values[0]].conj().T)
+
+
+def _sort_senses(
+    factors: Complex, vectors: Complex, up: Complex, down: Complex, lost: list[Complex], reach: int
+) -> tuple[BlochWaves, BlochWaves]:
+    """Sort waves by the sense in which they run or decay; those that run get a flux of one, each by itself."""
+    vectors = vectors / np.linalg.norm(vectors, axis=0)
+    runs = np.abs(np.abs(factors) - 1.0) < _ON_CIRCLE
+    flux = np.zeros(len(factors))
+    left = np.flatnonzero(runs)
+    while left.size:
+        group = left[np.abs(factors[left] - factors[left[0]]) < _TOGETHER]
+        left = np.setdiff1d(left, group)
+        basis, phase = np.linalg.qr(vectors[:, group])[0], factors[group[0]] ** reach
+        form = basis.conj().T @ (1j * (phase * up - down / phase)) @ basis
+        flux[group], turned = np.linalg.eigh(0.5 * (form + form.conj().T))
+        vectors[:, group] = basis @ turned / np.sqrt(np.abs(flux[group]))
+    found = []
+    for sign, still in zip((1.0, -1.0), lost, strict=True):
+        run = np.flatnonzero(runs & (sign * flux > 0.0))
+        run = run[np.argsort(np.angle(factors[run]), kind="stable")]
+        decay = np.flatnonzero(~runs & (sign * np.log(np.abs(factors)) < 0.0))
+        decay = decay[np.argsort(np.abs(np.log(np.abs(factors[decay]))), kind="stable")]
+        chosen = np.concatenate([run, decay])
+        waves = BlochWaves(factors[chosen], vectors[:, chosen], run.size, still)
+        basis = np.concatenate([waves.vectors / np.linalg.norm(waves.vectors, axis=0), still], axis=1)
+        if basis.shape[0] != basis.shape[1] or np.linalg.cond(basis) > _ALIKE:
+            why = "At the edge of a band waves of both senses are one, and at some frequencies motions of a layer stay in it"
+            raise PrecisionError(message("the waves at a frequency cannot be told apart", why, "Shift it by a millionth"))
+        found.append(waves)
+    return found[0], found[1]

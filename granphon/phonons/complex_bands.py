@@ -1,0 +1,83 @@
+"""Complex bands: the wave numbers across the layers of a crystal that belong to given frequencies."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.base.errors import InputError, message
+from granphon.base.results import Result
+from granphon.base.validation import finite_array, not_negative
+from granphon.dynamics.bloch_waves import find_bloch_waves
+from granphon.dynamics.half_space import HalfSpace
+from granphon.networks.network import ContactNetwork
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ComplexBands(Result):
+    """All waves across the layers of a crystal at given frequencies. ``np.asarray`` of it is ``wavenumbers``.
+
+    A motion changes by exp(i k h) from layer to layer, in the time exp(-2 pi i f t). Waves of the first half of a row run or
+    decay towards higher layers, those of the other half towards lower ones. In each half those that run come first, and the
+    others follow as they decay faster. An imaginary part is infinite where a motion reaches no other layer at a frequency.
+
+    Attributes
+    ----------
+    frequencies : (n_f,) Hz.
+    wavenumbers : (n_f, 2 m) k, 1/m, complex; real parts from -pi/h to pi/h.
+    running : (n_f,) number of waves that run towards higher layers.
+    height : of a layer, h, m.
+    """
+
+    units = {"frequencies": "Hz", "wavenumbers": "1/m", "height": "m"}
+    _shapes = {"frequencies": "f", "wavenumbers": "f k", "running": "f"}
+
+    frequencies: Array
+    wavenumbers: NDArray[np.complex128]
+    running: NDArray[np.intp]
+    height: float
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.array(self.wavenumbers, dtype)
+
+    @property
+    def forward(self) -> NDArray[np.complex128]:
+        """(n_f, m) the wave numbers of waves that run or decay towards higher layers, 1/m."""
+        return self.wavenumbers[:, : self.wavenumbers.shape[1] // 2]
+
+    @property
+    def attenuation(self) -> Array:
+        """(n_f,) decay of the wave that goes farthest, dB from layer to layer; zero in bands without losses."""
+        return np.asarray(20.0 * math.log10(math.e) * self.height * np.min(self.forward.imag, axis=1))
+
+
+def find_complex_bands(
+    network: ContactNetwork, frequencies: ArrayLike, axis: Any, q: ArrayLike, damping: float,
+    tangential_damping: float | None, loss_factor: float,
+) -> ComplexBands:  # fmt: skip
+    """Find the complex bands of a network; the arguments are those of :meth:`Phonons.complex_bands`."""
+    at = finite_array("frequencies", frequencies, low="above zero")
+    if at.ndim != 1 or not at.size:
+        raise InputError(message(f"frequencies have the shape {at.shape}", mend="Give (n,) in Hz"))
+    tau = not_negative("damping", damping, "s")
+    across = tau if tangential_damping is None else not_negative("tangential_damping", tangential_damping, "s")
+    loss, space = not_negative("loss_factor", loss_factor), HalfSpace(network, axis)
+    along, omega = space.read_wavevector(q), at / space.units.frequency
+    factors = (1.0 - 1j * (2.0 * np.pi * at * time + loss) for time in (tau, across)) if tau or across or loss else ()
+    senses = find_bloch_waves(space.couplings(along, *factors), omega**2, space.size // space.reach)
+    size = space.size
+    found = np.empty((len(at), 2, size), complex)
+    for row, pair in zip(found, senses, strict=True):
+        for half, waves, sign in zip(row, pair, (1.0, -1.0), strict=True):
+            numbers = space.wavenumbers(waves.factors, along)
+            numbers[: waves.running].imag = 0.0
+            half[:] = complex(0.0, sign * np.inf)
+            half[: len(numbers)] = numbers
+    found = found[:, :, np.any(np.isfinite(found), axis=(0, 1))]  # what reaches no other layer at any frequency is no wave
+    return ComplexBands(at, found.reshape(len(at), -1), np.array([one.running for one, _ in senses]), space.height)

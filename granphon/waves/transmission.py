@@ -1,0 +1,311 @@
+"""Transmission through a strip of balls between half-infinite crystals, its leads.
+
+Of each lead all waves at a frequency are known (:mod:`granphon.dynamics.bloch_waves`). One that runs in from the left drives
+the strip, whose own equations are sparse; the waves that leave it run out, or decay, in the leads. So amplitudes of waves
+follow without a small damping, and what is sent back and through adds up to what came to rounding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.base.errors import InputError, message
+from granphon.base.results import Result
+from granphon.base.validation import finite_array, not_negative
+from granphon.dynamics.bloch_waves import BlochWaves, Complex, Couplings, find_bloch_waves
+from granphon.dynamics.half_space import HalfSpace
+from granphon.networks.network import given_network
+from granphon.waves.operator import WaveOperator
+
+Array = NDArray[np.float64]
+#: distance, over the diameter, up to which a ball of the strip stands where one of a lead would
+_THERE = 0.1
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Transmission(Result):
+    """Energy that waves of a lead bring through a strip. ``np.asarray`` of it is ``transmitted``.
+
+    Waves are those that run at each frequency, in ascending order of their wave number; where they are fewer than m, the
+    rest of a row is zero.
+
+    Attributes
+    ----------
+    frequencies : (n_f,) Hz.
+    modes : (n_f, 2) numbers of waves that run in from the first lead, and out in the other one.
+    transmitted, reflected : (n_f,) the mean over the waves that run in; their sum is 1 if nothing is lost. Both are zero
+        where no wave runs in.
+    transmitted_by_mode, reflected_by_mode : (n_f, m) of each wave that runs in.
+    amplitudes : (n_f, m, m) from each wave that runs in (last axis) to each that runs out; their squared sizes are energies.
+    wavenumbers : (n_f, m) of the waves that run in, across the layers, 1/m.
+    length : of the strip, m: its layers times their height in the first lead.
+    """
+
+    units = {"frequencies": "Hz", "wavenumbers": "1/m", "length": "m"}
+    _shapes = {
+        "frequencies": "f", "modes": "f 2", "transmitted": "f", "reflected": "f", "transmitted_by_mode": "f m",
+        "reflected_by_mode": "f m", "amplitudes": "f m m", "wavenumbers": "f m",
+    }  # fmt: skip
+
+    frequencies: Array
+    modes: NDArray[np.intp]
+    transmitted: Array
+    reflected: Array
+    transmitted_by_mode: Array
+    reflected_by_mode: Array
+    amplitudes: Complex
+    wavenumbers: Array
+    length: float
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.array(self.transmitted, dtype)
+
+    @property
+    def total(self) -> Array:
+        """(n_f,) sum of the transmitted parts over all waves that run in."""
+        return np.asarray(self.transmitted_by_mode.sum(axis=1))
+
+
+def transmission(
+    left: Any, middle: Any, right: Any, frequencies: ArrayLike, *, axis: Any = 0, q: ArrayLike = (), damping: float = 0.0,
+    tangential_damping: float | None = None, loss_factor: float = 0.0,
+) -> Transmission:  # fmt: skip
+    """Find what part of the energy of waves passes a strip between two half-infinite crystals.
+
+    Parameters
+    ----------
+    left, right : the leads: states, or networks with periods. The left one goes on towards lower layers.
+    middle : the strip: a network that repeats as the leads do but for the ``axis``, such as ``network.cut(axis, layers)``;
+        or None if the leads touch. Its outer balls stand where the next layers of the leads would. They touch the leads as
+        a lead's own layers touch each other, with its stiffness; so an interface of another stiffness belongs to the strip.
+    frequencies : (n_f,) Hz, ascending, above zero.
+    axis : across the layers of both leads, as for :meth:`ContactNetwork.cut`.
+    q : (p - 1,) wave vector along the layers, in fractions of their reciprocal cell; zero by default.
+    damping, tangential_damping : s, viscosity over stiffness of the strip's contacts, in normal motion and in all other, as
+        in :meth:`Waves.transmit`; the second is by default the first.
+    loss_factor : part of the stiffness of the strip's contacts that loses energy at any frequency.
+
+    Raises
+    ------
+    InputError : a lead without the axis as a period; leads or a strip that do not fit; wrong numbers.
+    PrecisionError : a frequency at the very edge of a band.
+    """
+    at = finite_array("frequencies", frequencies, low="above zero")
+    if at.ndim != 1 or not at.size or np.any(np.diff(at) <= 0.0):
+        raise InputError(message(f"frequencies are not ascending, or have the shape {at.shape}", mend="Give (n,) in Hz"))
+    tau = not_negative("damping", damping, "s")
+    across = tau if tangential_damping is None else not_negative("tangential_damping", tangential_damping, "s")
+    loss = not_negative("loss_factor", loss_factor)
+    leads = [_Lead.of(one, axis, q) for one in (left, right)]
+    first, last = leads
+    strip = given_network(last.space.network.cut(axis, last.space.reach + 1) if middle is None else middle)
+    operator = WaveOperator(strip)
+    if len({(one.name, one.letters) for one in (first.space.motions, last.space.motions, operator.motions)}) > 1:
+        what = "the motions of the balls differ between the leads and the strip"
+        raise InputError(message(what, "A wave would have no motion to go on with", "Use the same motions, and friction"))
+    if strip.prestress and strip.tangential_force is not None and np.any(strip.tangential_force):
+        raise InputError(message("the strip has static tangential forces", "With prestress, they have no potential"))
+    ends = [lead.fit(operator, lower=lead is first) for lead in leads]
+    omega = 2.0 * np.pi * at
+    waves = [find_bloch_waves(lead.blocks, omega**2, lead.space.size // lead.space.reach) for lead in leads]
+    phase = np.exp(2.0j * np.pi * (strip.shift[:, : len(first.q)] @ first.q))
+    lossless = None if tau or across or loss else operator.matrix_of_wave(phase).tocsc()
+    found = []
+    for place, frequency in enumerate(omega):
+        factors = (1.0 - 1j * (frequency * time + loss) for time in (tau, across))
+        matrix = operator.matrix_of_wave(phase, *factors).tocsc() if lossless is None else lossless
+        found.append(_scatter(frequency**2, matrix, leads, ends, [one[place] for one in waves]))
+    modes = np.array([one.shape for _, one in found])[:, ::-1]
+    most = int(modes.max(initial=0))
+    back, through = (np.zeros((len(at), most, most), complex) for _ in range(2))
+    numbers = np.zeros((len(at), most))
+    for place, (sent, passed) in enumerate(found):
+        back[place, : len(sent), : len(sent)] = sent
+        through[place, : len(passed), : passed.shape[1]] = passed
+        runs = waves[0][place][0]
+        numbers[place, : runs.running] = first.space.wavenumbers(runs.factors[: runs.running], first.q).real
+    reflected, transmitted = (np.sum(np.abs(one) ** 2, axis=1) for one in (back, through))
+    count = np.maximum(modes[:, 0], 1)
+    layers = operator.balls.size / first.space.per_layer
+    return Transmission(
+        at, modes, transmitted.sum(axis=1) / count, reflected.sum(axis=1) / count, transmitted, reflected, through, numbers,
+        layers * first.space.height,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ScatteringLengths(Result):
+    """How far waves go in disordered strips; arrays over frequencies (n_f,), and over the waves that run in (n_f, m).
+
+    Attributes
+    ----------
+    frequencies : (n_f,) Hz.
+    mean_free_path, mean_free_path_error : (n_f, m) l, m, of the coherent wave: the squared size of the mean amplitude falls
+        as exp(-L/l). Infinite where it does not fall; zero beyond the waves that run.
+    localisation_length, localisation_length_error : (n_f,) xi, m: the mean of ln(total) falls as -2 L/xi (P. W. Anderson et
+        al., Phys. Rev. B 22, 3519, 1980). Infinite where it does not fall.
+    """
+
+    units = {
+        "frequencies": "Hz", "mean_free_path": "m", "mean_free_path_error": "m", "localisation_length": "m",
+        "localisation_length_error": "m",
+    }  # fmt: skip
+    _shapes = {
+        "frequencies": "f", "mean_free_path": "f m", "mean_free_path_error": "f m", "localisation_length": "f",
+        "localisation_length_error": "f",
+    }  # fmt: skip
+
+    frequencies: Array
+    mean_free_path: Array
+    mean_free_path_error: Array
+    localisation_length: Array
+    localisation_length_error: Array
+
+
+def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:
+    """Fit mean free paths and localisation lengths to transmissions through strips of several lengths.
+
+    ``runs`` are of the same leads and frequencies, for each length at least two samples. Logarithms are fitted over the
+    length by weighted least squares; weights and errors are those of means over samples.
+
+    Raises :class:`~granphon.base.errors.InputError` for fewer than two lengths, or two samples of a length; for other
+    frequencies or numbers of waves; and where nothing is transmitted.
+    """
+    if not all(isinstance(one, Transmission) for one in runs) or len({one.amplitudes.shape for one in runs}) != 1:
+        raise InputError(message("runs are not transmissions with the same leads", mend="Give results of gp.transmission"))
+    first = runs[0]
+    if any(np.any(one.frequencies != first.frequencies) or np.any(one.modes != first.modes) for one in runs):
+        raise InputError(message("runs have other frequencies or waves", mend="Give results of the same leads"))
+    lengths, of_run = np.unique([one.length for one in runs], return_inverse=True)
+    samples = np.bincount(of_run)
+    if len(lengths) < 2 or samples.min() < 2:
+        what = f"there are {len(lengths)} lengths, with {samples.min()} samples or more"
+        raise InputError(message(what, "A fall and its error need two of each", "Give more runs"))
+    through = np.array([np.diagonal(one.amplitudes, axis1=1, axis2=2) for one in runs])  # (runs, n_f, m)
+    total = np.array([one.total for one in runs])
+    open_ways = np.arange(through.shape[2]) < first.modes.min(axis=1)[:, None]
+    if np.any(total[:, np.any(open_ways, axis=1)] <= 0.0) or not np.all(np.any(open_ways, axis=1)):
+        raise InputError(message("nothing is transmitted at some frequency", mend="Leave out frequencies of gaps"))
+
+    def fit(values: Array, variances: Array) -> tuple[Array, Array]:
+        """Return the fall of ``values`` (lengths, ...) over the length, 1/m, and its error."""
+        weight = 1.0 / np.maximum(variances, np.finfo(float).tiny)
+        x = lengths.reshape(-1, *(1,) * (values.ndim - 1))
+        apart = x - np.sum(weight * x, axis=0) / np.sum(weight, axis=0)
+        spread = np.sum(weight * apart**2, axis=0)
+        return -np.sum(weight * apart * values, axis=0) / spread, 1.0 / np.sqrt(spread)
+
+    groups = [of_run == place for place in range(len(lengths))]
+    mean = np.array([through[group].mean(axis=0) for group in groups])
+    unit = mean / np.where(mean == 0.0, 1.0, np.abs(mean))
+    noise, along, falls, spread = [], [], [], []
+    for group, phase, count in zip(groups, unit, samples, strict=True):
+        noise.append(np.var(through[group], axis=0, ddof=1) / count)
+        along.append(np.var((through[group] * phase.conj()).real, axis=0, ddof=1) / count)
+        logs = np.log(total[group])
+        falls.append(logs.mean(axis=0))
+        spread.append(np.var(logs, axis=0, ddof=1) / count)
+    # the square of a mean amplitude of few samples is too large by its variance
+    square = np.abs(mean) ** 2
+    energy = np.where(open_ways, np.maximum(square - np.array(noise), 0.1 * square), 1.0)
+    path, its_error = fit(np.log(energy), np.where(open_ways, 4.0 * np.array(along) / energy, 1.0))
+    local, error = fit(np.array(falls), np.array(spread))
+
+    def invert(rate: Array, error: Array, factor: float) -> tuple[Array, Array]:
+        seen = rate > 0.0
+        inverse = np.divide(factor, rate, out=np.full(rate.shape, np.inf), where=seen)
+        return inverse, np.where(seen, inverse / np.where(seen, rate, 1.0) * error, np.inf)
+
+    one, its = (np.where(open_ways, each, 0.0) for each in invert(path, its_error, 1.0))
+    return ScatteringLengths(first.frequencies, one, its, *invert(local, error, 2.0))
+
+
+class _Lead(NamedTuple):
+    """A half-infinite crystal; the wave vector along its layers, and its blocks, (rad/s)^2."""
+
+    space: HalfSpace
+    q: Array
+    blocks: Couplings
+
+    @classmethod
+    def of(cls, source: Any, axis: Any, q: ArrayLike) -> _Lead:
+        space = HalfSpace(given_network(source), axis)
+        along = space.read_wavevector(q)
+        square = (2.0 * np.pi * space.units.frequency) ** 2
+        return cls(space, along, Couplings(*(square * one for one in space.couplings(along))))
+
+    def fit(self, operator: WaveOperator, lower: bool) -> Any:
+        """Return S (size, size of the strip), sparse: the motions that a block of the lead has at an end of the strip.
+
+        Balls of the strip are sought where those of a block would stand. They have masses and inertias of their own.
+        """
+        from scipy.sparse import csr_array
+
+        space, strip = self.space, operator.network
+        p, count = len(space.layers.cell), operator.motions.count
+        size, cut = space.size // count, space.cut
+        theirs = np.flatnonzero(cut.moving)[:size]
+        what = f"the strip does not fit to the {'first' if lower else 'other'} lead"
+        periods = strip.cell[np.flatnonzero(strip.pbc)][:, : strip.dimension]
+        d = float(2.0 * np.mean(cut.radii[theirs]))
+        if periods.shape != space.layers.cell.shape or np.any(np.abs(periods - space.layers.cell) > _THERE * d):
+            why = "It must repeat along the layers as the lead does, and not across them"
+            raise InputError(message(what, why, "Give lead.cut(axis, layers), or a strip of the same width"))
+        if len(operator.balls) >= size:
+            height = strip.positions[operator.balls, p]
+            order = np.argsort(height if lower else -height, kind="stable")[:size]
+            near = operator.balls[order]
+            places = strip.positions[near][:, : p + 1]
+            wanted = cut.positions[theirs][:, : p + 1]
+            inverse = np.linalg.inv(periods[:, :p]) if p else np.zeros((0, 0))
+            # one of the balls stands for the first of the block
+            apart = places[None, None] - (wanted - wanted[0])[None, :, None] - places[:, None, None]  # (first, block, strip)
+            cells = np.rint(apart[..., :p] @ inverse)
+            apart[..., :p] -= cells @ periods[:, :p]
+            far = np.linalg.norm(apart, axis=-1)
+            best = np.argmin(far, axis=2)  # (first, block)
+            worst = np.take_along_axis(far, best[..., None], axis=2)[..., 0].max(axis=1)
+            worst[[np.unique(one).size < size for one in best]] = np.inf
+            chosen = int(np.argmin(worst))
+            if worst[chosen] <= _THERE * d:
+                of_strip = near[best[chosen]]
+                cell = cells[chosen, np.arange(size), best[chosen]]
+                ratio = np.sqrt(cut.masses[theirs] / strip.masses[of_strip])
+                turn = np.sqrt(cut.inertias[theirs] / strip.inertias[of_strip])
+                scale = np.where(operator.motions.is_rotation, turn[:, None], ratio[:, None])
+                entries = scale * np.exp(-2.0j * np.pi * (cell @ self.q))[:, None]
+                columns = np.searchsorted(operator.balls, of_strip)[:, None] * count + np.arange(count)
+                rows = np.arange(size * count)
+                return csr_array((entries.ravel(), (rows, columns.ravel())), shape=(space.size, operator.size))
+        why = f"Its outer balls do not stand where {size} balls of the lead's layers would"
+        raise InputError(message(what, why, "Begin and end it with layers like the lead's"))
+
+
+def _scatter(
+    w: float, matrix: Any, leads: list[_Lead], ends: list[Any], waves: list[tuple[BlochWaves, BlochWaves]]
+) -> tuple[Complex, Complex]:
+    """Return the amplitudes of waves that are sent back (m, m), and that pass (n, m), at w = omega^2."""
+    from scipy.sparse import csc_array, eye_array
+    from scipy.sparse.linalg import splu
+
+    (first, last), (lower, upper) = leads, ends
+    (come, leave), (go, _) = waves
+    one, other = first.blocks, last.blocks
+    reach, further = first.space.reach, last.space.reach
+    # Green's functions of the outer blocks of the leads, whose contacts to the strip are there
+    back = np.linalg.inv(w * np.eye(first.space.size) - one.inner - one.down @ leave.continue_by(-reach))
+    ahead = np.linalg.inv(w * np.eye(last.space.size) - other.inner - other.up @ go.continue_by(further))
+    held = [one.head + one.down @ back @ one.up, other.tail + other.up @ ahead @ other.down]
+    for end, block in zip(ends, held, strict=True):
+        matrix = matrix + end.conj().T @ csc_array(block) @ end
+    shape, factor = come.vectors[:, : come.running], come.factors[: come.running] ** reach
+    pushed = one.up @ shape * factor
+    drive = lower.conj().T @ (one.down @ (shape - back @ pushed))
+    moved = splu((w * eye_array(matrix.shape[0], format="csc") - matrix).tocsc()).solve(np.asarray(drive, complex))
+    sent = leave.find_parts(back @ (one.up @ (lower @ moved) - pushed))
+    return sent, go.find_parts(ahead @ (other.down @ (upper @ moved)))

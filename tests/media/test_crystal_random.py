@@ -1,0 +1,127 @@
+"""Crystals drawn at random, of any lattice, kinds, laws and loads: their balance and waves against sums over contacts."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+import granphon as gp
+from granphon.base.errors import InputError, InstabilityError
+from tests.networks.twin import dynamical_matrix
+
+#: lattices, and the numbers of kinds on their sites
+LATTICES = {
+    "chain": (1, 2, 3), "square": (1,), "triangular": (1,), "honeycomb": (1, 2), "sc": (1,), "bcc": (1,), "fcc": (1,),
+    "hcp": (1, 2), "diamond": (1, 2), "NaCl": (1, 2), "CsCl": (1, 2), "zincblende": (1, 2),
+}  # fmt: skip
+AXES = {1: [0], 2: [0, 1, 5], 3: [0, 1, 2, 3, 4, 5]}
+
+
+@st.composite
+def crystals(draw):
+    """A crystal, with defects in some, and what it is made of."""
+    lattice = draw(st.sampled_from(sorted(LATTICES)))
+    modulus, ratio = st.floats(7.0, 12.0).map(lambda x: 10.0**x), st.floats(0.05, 0.49)
+    balls = [
+        gp.Ball(gp.Material(draw(modulus), draw(ratio), draw(st.floats(500.0, 2e4))), 8e-3, name=name)
+        for name in "ABC"[: draw(st.sampled_from(LATTICES[lattice]))]
+    ]
+    laws = st.one_of(
+        st.just(gp.Hertz()),
+        st.builds(gp.PowerLaw, st.floats(1.0, 3.0), st.floats(5.0, 9.0).map(lambda x: 10.0**x)),
+        st.builds(gp.DMT, st.floats(1e-3, 1.0)),
+    )
+    law, space = draw(laws), lattice not in ("chain", "square", "triangular", "honeycomb")
+    torsions = st.sampled_from([0.0, 0.05, "mindlin"] if space else [0.0])
+    if draw(st.booleans()):
+        law = {pair: draw(laws) for pair in itertools.combinations_with_replacement([ball.name for ball in balls], 2)}
+    crystal = gp.Crystal.on(lattice, balls, law=law, torsion=draw(torsions))
+    if draw(st.booleans()) and crystal.n_balls == 1:
+        crystal = crystal.repeat((2,) * crystal.periods)
+    return crystal
+
+
+@settings(max_examples=25, deadline=None, phases=(Phase.explicit, Phase.generate))
+@given(
+    crystals(), st.floats(-3.0, 3.0), st.lists(st.floats(-0.2, 0.2), min_size=6, max_size=6), st.booleans(), st.booleans()
+)
+def test_any_crystal_is_in_balance_and_its_waves_are_those_of_its_contacts(crystal, size, shear, uneven, follows):
+    p, d = crystal.periods, crystal.dimension
+    least = min(ball.material.young_modulus for ball in crystal.kinds)
+    pressure = 1e-9 * least * 8e-3 ** (3 - p) * 10.0**size
+    wanted = pressure * np.eye(p)
+    if uneven:  # a stress that is not a pressure
+        spare = iter(shear)
+        for a, b in itertools.combinations_with_replacement(range(p), 2):
+            wanted[a, b] += pressure * (one := next(spare))
+            wanted[b, a] += pressure * one * (a != b)
+    try:
+        state = crystal.at_stress(-wanted, finite_overlap=follows)
+    except (InputError, InstabilityError):  # such as a stress that contacts do not bear
+        return
+    # what acts on each ball, and the stress, from the forces along the normals
+    table, force = crystal.contacts, state.normal_force[:, None] * state.normal
+    mean = np.mean(np.abs(state.normal_force))
+    pull = np.zeros((crystal.n_balls, d))
+    np.add.at(pull, table.j, force)
+    np.add.at(pull, table.i, -force)
+    scale = max(mean, np.mean(state.normal_stiffness * np.abs(state.overlap)))  # of attraction and repulsion apart
+    assert np.max(np.abs(pull)) <= 1e-11 * scale
+    deformed = np.eye(p) + state.strain * follows
+    virial = force[:, :p].T @ (table.vector[:, :p] + 0.0) @ deformed.T
+    size = np.max(np.abs(table.vector)) * scale * len(force)
+    volume = crystal.measure * np.linalg.det(deformed)
+    assert_allclose(0.5 * (virial + virial.T) / volume, wanted, rtol=0.0, atol=2e-11 * size / volume)
+    # its waves, from the matrix of all contacts one by one
+    network = state.network
+    fractions = np.full(p, 0.21) + 0.1 * np.arange(p)
+    kept = AXES[d] if network.ball_motions.rotate else AXES[d][:d]
+    matrix = dynamical_matrix(network, 2.0 * np.pi * np.linalg.pinv(network.cell[:p]) @ fractions)
+    rows = (6 * np.arange(network.n_balls)[:, None] + kept).ravel()
+    squares = np.linalg.eigvalsh(matrix[np.ix_(rows, rows)])
+    try:
+        found = (2.0 * np.pi * gp.Phonons(state).frequencies([fractions])[0]) ** 2
+    except InstabilityError:  # a static force that turns contacts away
+        assert squares[0] < 1e-12 * squares[-1]
+        return
+    assert_allclose(found, squares, rtol=0.0, atol=1e-11 * squares[-1])
+
+
+@pytest.mark.parametrize("direction", [(0, 0, 1), (1, 0, 0), (1, 1, 0), (1, 1, 1), (0.3, -0.5, 0.81), (0.9, 0.2, -0.1)])
+def test_sound_of_pressed_fcc_in_any_direction(direction):
+    """The energy of the eight contacts that carry, of which the rotation of the balls takes the least."""
+    ball = gp.Ball(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)
+    state = gp.Crystal.on("fcc", [ball]).at_strain([0.0, 0.0, -1e-4, 0.0, 0.0, 0.0])
+    closed = state.normal_force > 0.0
+    along, energy = np.array(direction) / np.linalg.norm(direction), np.zeros((6, 6))  # of u and phi, per ball
+    for n, k, kappa in zip(state.normal[closed], state.normal_stiffness[closed], state.shear_stiffness[closed], strict=True):
+        reach = 8e-3 * (along @ n)
+        cross = np.array([[0, n[2], -n[1]], [-n[2], 0, n[0]], [n[1], -n[0], 0]])  # phi x n
+        slip = np.hstack([reach * (np.eye(3) - np.outer(n, n)), -8e-3 * cross])
+        press = np.concatenate([reach * n, np.zeros(3)])
+        energy += k * np.outer(press, press) + kappa * slip.T @ slip
+    acoustic = energy[:3, :3] - energy[:3, 3:] @ np.linalg.solve(energy[3:, 3:], energy[3:, :3])
+    velocities = gp.sound_velocities(state, direction).velocities
+    assert_allclose(velocities**2, np.linalg.eigvalsh(acoustic) / ball.mass, rtol=1e-12)
+
+
+def test_three_balls_in_the_cell_of_a_chain_make_three_bands_and_two_gaps():
+    steel, aluminium = (
+        gp.Ball(gp.Material(193e9, 0.30, 8000.0), 19.05e-3, mass=28.84e-3),
+        gp.Ball(gp.Material(73.5e9, 0.33, 2700.0), 19.05e-3, mass=9.75e-3),
+    )
+    state = gp.Crystal.on("chain", [steel, aluminium, steel]).at_force(20.0)
+    table, m, edges = state.crystal.contacts, np.array([28.84e-3, 9.75e-3, 28.84e-3]), []
+    for sign in (1.0, -1.0):  # q = 0 and the edge of the zone
+        ring = np.zeros((3, 3))
+        for i, j, shift, k in zip(table.i, table.j, table.shift[:, 0], state.normal_stiffness, strict=True):
+            ring[[i, j], [i, j]] += k
+            ring[[i, j], [j, i]] -= k * (sign if shift else 1.0)
+        edges.append(np.sqrt(np.maximum(np.linalg.eigvalsh(ring / np.sqrt(np.outer(m, m))), 0.0)) / (2.0 * np.pi))
+    low, high = np.min(edges, axis=0), np.max(edges, axis=0)
+    assert_allclose(gp.Phonons(state).gaps(), np.stack([high[:-1], low[1:]], axis=1), rtol=1e-12)

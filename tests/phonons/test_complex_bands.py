@@ -1,0 +1,104 @@
+"""Wave numbers at given frequencies: closed forms of chains, the bands at real wave numbers, losses, refusals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import granphon as gp
+from granphon.base.errors import InputError
+from tests.networks.test_cuts import D, bulk, chain
+
+K, LIGHT, HEAVY = 2e7, 9.75e-3, 28.84e-3
+
+
+def complex_angles(f, losses=0.0):
+    """k h of a chain of two kinds of balls, from cos(kh) = 1 - w/K (m + M) + w^2 m M/(2 K^2), with complex springs."""
+    w, spring = (2.0 * np.pi * f) ** 2, K * (1.0 - 1j * np.asarray(losses))
+    return np.arccos(1.0 - w / spring * (LIGHT + HEAVY) + 0.5 * w**2 * LIGHT * HEAVY / spring**2 + 0j)
+
+
+@pytest.mark.claim("complex-bands")
+@pytest.mark.parametrize("losses", [{}, {"loss_factor": 0.05}, {"damping": 2e-6}])
+def test_a_chain_of_two_masses(losses):
+    network = chain([LIGHT, HEAVY], (K, K))
+    f = np.linspace(0.02, 1.3, 80) * np.sqrt(2.0 * K * (1.0 / LIGHT + 1.0 / HEAVY)) / (2.0 * np.pi)
+    found = gp.Phonons(network).complex_bands(f, **losses)
+    lost = losses.get("loss_factor", 2.0 * np.pi * f * losses.get("damping", 0.0))
+    angle = complex_angles(f, lost)
+    # cosines are even, so that the sense does not matter
+    assert_allclose(np.cos(found.forward[:, 0] * found.height), np.cos(angle), rtol=1e-10, atol=1e-10)
+    assert np.all(found.forward.imag >= 0.0)
+    assert_allclose(found.wavenumbers[:, 1].imag, -found.wavenumbers[:, 0].imag, atol=1e-7)
+    assert_allclose(found.attenuation, 20.0 * np.log10(np.e) * np.abs(angle.imag), atol=1e-6)
+    if not losses:
+        gap = (f > np.sqrt(2.0 * K / HEAVY) / (2.0 * np.pi)) & (f < np.sqrt(2.0 * K / LIGHT) / (2.0 * np.pi))
+        assert np.any(gap)
+        assert np.all(found.attenuation[gap] > 0.0)
+        assert not np.any(found.running[gap])
+
+
+@pytest.mark.claim("complex-bands")
+@pytest.mark.parametrize(
+    ("lattice", "axis"),
+    [("triangular", 1), ("square", 0), ("honeycomb", 1), ("kagome", 1), ("sc", 2), ("fcc", 2), ("hcp", 2)],
+)
+def test_waves_that_run_are_those_of_the_bands(lattice, axis):
+    """Across a vector of the cell, k h is 2 pi times the fraction of its reciprocal vector, that along the layers apart."""
+    network, random = bulk(lattice), np.random.default_rng(1)
+    phonons, p = gp.Phonons(network), network.dimension
+    q = random.uniform(-0.4, 0.4, p - 1)
+    f = np.linspace(0.05, 0.98, 25) * phonons.lattice.top_frequency * network.scales.frequency
+    found = phonons.complex_bands(f, axis, q)
+    assert found.running.sum() > 20
+    cell = network.cell[:p, :p]
+    normal = np.linalg.inv(cell)[:, axis]
+    normal = normal / np.linalg.norm(normal)
+    inside = np.delete(np.arange(p), axis)
+    for place, running in enumerate(found.running):
+        for k in found.forward[place, :running].real:
+            # q.a along the vectors of a layer is given, and k is the part across it
+            along = np.linalg.lstsq(cell[inside], 2.0 * np.pi * q, rcond=None)[0]
+            fraction = cell @ (along + k * normal) / (2.0 * np.pi)
+            assert np.min(np.abs(phonons.frequencies([fraction])[0] / f[place] - 1.0)) < 1e-10
+
+
+def test_as_many_waves_run_up_as_down_and_decay_mirrors_growth():
+    found = gp.Phonons(bulk("fcc")).complex_bands(np.linspace(1e3, 60e3, 40), (1, 1, 0), [0.1, 0.23])
+    up, down = np.split(found.wavenumbers, 2, axis=1)
+    assert up.shape == (40, 6)
+    for place, running in enumerate(found.running):
+        assert_allclose(np.sort(up[place, running:].imag), np.sort(-down[place, running:].imag), rtol=1e-6)
+    assert np.all(np.diff(up.imag, axis=1) >= 0.0)
+
+
+def test_small_losses_are_those_of_the_group_velocity():
+    """Im k = loss omega/(2 v): what is left is of third order."""
+    phonons = gp.Phonons(bulk("chain", "longitudinal"))
+    f = np.array([0.3, 0.6]) * phonons.frequencies([[0.5]])[0, 0]
+    k = phonons.complex_bands(f).forward[:, 0].real
+    velocity = phonons.modes(k[:, None] * D / (2.0 * np.pi)).group_velocities[:, 0, 0]
+    left = [
+        np.abs(phonons.complex_bands(f, loss_factor=loss).forward[:, 0].imag - loss * np.pi * f / velocity)
+        for loss in (2e-2, 1e-2)
+    ]
+    assert_allclose(np.log2(left[0] / left[1]), 3.0, atol=0.05)
+
+
+def test_motions_that_reach_no_other_layer_are_no_waves():
+    """Layers of a square lattice without friction: motions along them are not passed on."""
+    smooth = gp.AveragedLattice(gp.Packing(gp.Material(2e11, 0.3, 7800.0), D, lattice="square", friction=False))
+    assert gp.Phonons(smooth.at_force(10.0)).complex_bands([5e3, 20e3], 1).forward.shape == (2, 1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (([0.0], 0), "frequencies"), (([[1e3]], 0), "frequencies have the shape"), (([1e3], 7), "axis"),
+        (([1e3], 1, [0.1, 0.2]), "q has the shape"), (([np.nan], 0), "frequencies"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_one_error(arguments, words):
+    with pytest.raises(InputError, match=words):
+        gp.Phonons(bulk("triangular")).complex_bands(*arguments)

@@ -1,0 +1,125 @@
+"""Scenes that observe the waves of an edge: their numbers, files, figures and errors."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import granphon as gp
+from granphon.base.errors import SceneError
+from granphon.scene.redraw import redraw
+
+PACKING = """
+material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
+packing: {lattice: LATTICE, diameter: 8 mm}
+load: {force: FORCE}
+observe: [surface]
+surface: {axis: AXIS, points: 3}
+"""
+CRYSTAL = """
+balls:
+  A: {material: {young_modulus: 193 GPa, poisson_ratio: 0.30, density: 8000 kg/m^3}, diameter: 19.05 mm}
+  B: {material: {young_modulus: 73.5 GPa, poisson_ratio: 0.33, density: 2700 kg/m^3}, diameter: 19.05 mm}
+crystal: {lattice: chain, kinds: [B, A]}
+load: {force: FORCE}
+observe: [surface]
+surface: {axis: 0}
+"""
+
+
+def scene(text, **words):
+    for name, word in words.items():
+        text = text.replace(name, word)
+    return gp.Scene.from_text(text)
+
+
+def test_a_single_state_has_a_map_a_table_and_a_figure(tmp_path):
+    one = scene(PACKING, LATTICE="square", AXIS="1", FORCE="18 N")
+    result = one.run(tmp_path)
+    edge = gp.Surface(one.state(), 1)
+    assert result.surface == edge.map(3)
+    assert {"surface.json", "surface.csv", "surface.png"} <= {path.name for path in result.files}
+    read = gp.SurfaceSpectrum.from_dict(json.loads((tmp_path / "surface.json").read_text()))
+    assert read == result.surface
+    waves = np.genfromtxt(tmp_path / "surface.csv", delimiter=",", names=True)
+    assert_allclose(waves["frequency_Hz"], read.waves.frequencies, rtol=1e-15)
+    assert result.summary()["surface_velocity"] == edge.velocity()
+    found = result.dataset["surface_frequency"].values.ravel()
+    assert_allclose(found[np.isfinite(found)], read.waves.frequencies, rtol=1e-15)
+    assert redraw(tmp_path, force=True).name == "surface.png"
+    assert gp.plot(result).axes[0].get_ylabel() == "Frequency (kHz)"
+    again = gp.Scene.from_text(one.to_yaml())
+    assert again == one
+
+
+@pytest.mark.parametrize(("text", "words"), [(PACKING, {"LATTICE": "fcc", "AXIS": "1 1 0"}), (CRYSTAL, {})])
+def test_a_sweep_has_the_waves_of_every_state(text, words, tmp_path):
+    result = scene(text, FORCE="[2 N, 128 N]", **words).run(tmp_path, figures=False)
+    data = result.dataset["surface_frequency"].values[:, 0]
+    # Hertz: stiffnesses go as f^(1/3), frequencies as f^(1/6)
+    assert_allclose(data[1], 2.0 * data[0], rtol=1e-13)
+    assert result.surface is None
+    alone = scene(text, FORCE="128 N", **words)
+    edge = gp.Surface(alone.state(), alone.surface.axis)
+    waves = edge.branches(edge.path(3)[0][:, : len(edge.cell)])
+    here = data[1]
+    assert_allclose(here[np.isfinite(here)], waves.frequencies, rtol=1e-13)
+    assert ("surface_velocity" in result.dataset) == ("fcc" in words.values())
+
+
+@pytest.mark.parametrize("medium", ["[ala, ema]", "ema"])
+def test_balls_that_differ_have_the_waves_of_their_mean_lattice(medium, tmp_path):
+    text = PACKING.replace("diameter: 8 mm", "diameter: 8 mm, spread: {uniform: 2 um}") + f"medium: {medium}\n"
+    result = scene(text, LATTICE="triangular", AXIS="1", FORCE="[20 N, 40 N]").run(tmp_path, figures=False)
+    assert np.all(result.dataset["surface_velocity"] > 0.0)
+
+
+CUTS = {
+    "zigzag": ("honeycomb", "1"), "armchair": ("honeycomb", "1 1"), "square": ("square", "1"),
+    "along a bond": ("triangular", "1"), "across a bond": ("triangular", "1 1"), "001": ("fcc", "1 1 0"),
+    "110": ("fcc", "1 1 2"), "111": ("fcc", "1 1 1"), "0001": ("hcp", "2"), "sc": ("sc", "2"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("lattice", "axis"), CUTS.values(), ids=CUTS)
+def test_scenes_of_each_cut(lattice, axis):
+    words = {"LATTICE": lattice, "AXIS": axis}
+    one = scene(PACKING, FORCE="18 N", **words)
+    # the long wave is slower than sound in the crystal, as is every wave of the edge below the lowest band
+    edge = gp.Surface(one.state(), one.surface.axis)
+    q = edge.path(3)[0][1:2, : len(edge.cell)]
+    waves, continuum = edge.branches(q), edge.continuum(q)
+    assert np.all(waves.frequencies < continuum.max())
+    text = CRYSTAL.replace(
+        "lattice: chain, kinds: [B, A]", f"lattice: {lattice}, kinds: [A], cut: {{axis: {axis}, layers: 4}}"
+    )
+    text = text.replace("[surface]", "[bands]").replace("surface: {axis: 0}", "phonopy: {band_points: 2}")
+    if (lattice, axis) == ("honeycomb", "1 1"):  # a ball of that edge has two contacts, which cannot balance
+        with pytest.raises(SceneError, match="no such forces add up"):
+            scene(text, FORCE="20 N")
+        return
+    ribbon = scene(text, FORCE="20 N")
+    assert ribbon.packing.structure.periods == len(edge.cell)
+    assert gp.Phonons(ribbon.state()).frequencies(np.full((1, len(edge.cell)), 0.2)).max() > 0.0
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (("surface: {axis: AXIS, points: 3}", ""), "'surface' without an axis"),
+        (("axis: AXIS", "edge: free"), "axis"),
+        (("axis: AXIS", "axis: 5"), "axis"),
+        (("axis: AXIS", "axis: 1 1 1 1"), "2 Miller indices"),
+        (("axis: AXIS", "axis: one"), "a whole number"),
+        (("points: 3", "points: 1"), "from 2 to"),
+        (("points: 3", "edge: glued"), "free, clamped, floor"),
+        (("observe:", "medium: {simulation: {shape: 4 4}}\nobserve:"), "of a simulation"),
+        (("observe:", "sweep: {lattice: [square, triangular]}\nobserve:"), "sweep over lattice"),
+    ],
+)
+def test_what_is_refused(change, said):
+    with pytest.raises(SceneError, match=said):
+        scene(PACKING.replace(*change), LATTICE="square", AXIS="1", FORCE="18 N")

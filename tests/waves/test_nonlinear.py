@@ -1,0 +1,263 @@
+"""Balls that move by the whole contact law: solitary waves, harmonics, impacts, friction, energy, and the linear limit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import granphon as gp
+from granphon.base.errors import ConvergenceError, InputError
+from tests.networks.test_cuts import D, bulk
+
+STEEL = gp.Material(211.65e9, 0.276, 7840.0)
+
+
+def line(force, balls, periodic=False):
+    """A chain of so many balls under a force, whose motions are along it."""
+    packing = gp.Packing(STEEL, D, lattice="chain", motions="longitudinal")
+    network = gp.AveragedLattice(packing).at_force(force).network.repeat((balls,))
+    return network if periodic else network.cut(0, 1)
+
+
+def push(network, speed, ball=0):
+    velocities = np.zeros((network.n_balls, 3))
+    velocities[ball, 0] = speed
+    return velocities
+
+
+def passages(motion, contacts):
+    """Times and heights of the greatest force of contacts, from parabolas through three frames."""
+    found = []
+    for contact in contacts:
+        f = motion.forces[:, contact]
+        place = int(np.argmax(f))
+        low, top, high = f[place - 1 : place + 2]
+        shift = 0.5 * (low - high) / (low - 2.0 * top + high)
+        found.append((motion.times[place] + shift * motion.times[1], top - 0.25 * (low - high) * shift))
+    return np.array(found).T
+
+
+# -- waves in chains --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.claim("solitary-wave")
+def test_a_solitary_wave_of_a_chain_that_is_hardly_pressed():
+    """V = 0.90553 d c^(1/3) m^(-1/2) F_m^(1/6); the continuum has 0.89438."""
+    network = line(1e-9, 110)
+    waves = gp.NonlinearWaves(network)
+    motion = waves.run(3.2e-3, velocities=push(network, 0.1), frames=6401)
+    times, heights = passages(motion, (50, 90))
+    coefficient = network.normal_force[0] / waves.overlap[0] ** 1.5
+    speed = 40 * D / (times[1] - times[0])
+    assert_allclose(
+        speed / (D * coefficient ** (1 / 3) * network.masses[0] ** -0.5 * heights[0] ** (1 / 6)), 0.90553, rtol=5e-5
+    )
+    assert_allclose(heights[1], heights[0], rtol=1e-6)
+
+
+@pytest.mark.claim("solitary-wave")
+@pytest.mark.parametrize("speed", [0.1, 0.3])
+def test_pulses_of_a_pressed_chain(speed):
+    """V/c of the long-wave theory at r = F_m/F_0, within 0.5 %."""
+    network = line(10.0, 260)
+    sound = D * np.sqrt(network.normal_stiffness[0] / network.masses[0])
+    motion = gp.NonlinearWaves(network).run(170 * D / sound, velocities=push(network, speed), frames=2001)
+    times, heights = passages(motion, (120, 160))
+    r = heights[0] / 10.0
+    wanted = np.sqrt(4.0 / 15.0 * (3.0 + 2.0 * r ** (5.0 / 3.0) - 5.0 * r ** (2.0 / 3.0))) / (r ** (2.0 / 3.0) - 1.0)
+    assert 1.3 < r < 4.0
+    assert_allclose(40 * D / (times[1] - times[0]) / sound, wanted, rtol=5e-3)
+
+
+@pytest.mark.claim("second-harmonic")
+def test_the_second_harmonic_of_a_shaker():
+    """A^2/(4 delta) cot(qd/2) |sin((q(2w) - 2q) n d/2)| at the ball n."""
+    network, qd = line(10.0, 400), 0.6
+    waves = gp.NonlinearWaves(network)
+    delta, own = waves.overlap[0], np.sqrt(network.normal_stiffness[0] / network.masses[0])
+    omega = 2.0 * own * math.sin(0.5 * qd)
+    period, size = 2.0 * math.pi / omega, 3e-3 * delta
+
+    def shake(time):
+        return size * 0.5 * (1.0 - math.cos(math.pi * min(time / (30.0 * period), 1.0))) * math.sin(omega * time)
+
+    motion = waves.run(60.0 * period, drive=gp.Drive(0, (1, 0, 0), displacement=shake), frames=60 * 32 + 1)
+    balls, last = np.array([5, 10, 20]), slice(-10 * 32 - 1, -1)
+    signal = motion.displacements[last, balls, 0]
+    twice = np.abs(2.0 * np.mean(signal * np.exp(-2j * omega * motion.times[last])[:, None], axis=0))
+    wanted = 2.0 * math.asin(omega / own) - 2.0 * qd
+    assert_allclose(twice, size**2 / (4.0 * delta) / math.tan(0.5 * qd) * np.abs(np.sin(0.5 * wanted * balls)), rtol=3e-4)
+    # the work of the shaker is the energy of the chain
+    assert_allclose(motion.work[-1], motion.energy[-1], rtol=2e-4)
+    assert_allclose(motion.displacements[:, 0, 0], [shake(time) for time in motion.times], rtol=1e-12)
+
+
+@pytest.mark.parametrize("exponent", [1.5, 2.0, 3.0])
+def test_frequency_of_a_travelling_wave_over_its_amplitude(exponent):
+    """d omega/omega = (A/delta)^2 (a-1)/4 [(a-1) cos^2(qd/2) + (a-2) sin^2(qd/2)]; cos(qd)/16 for Hertz."""
+    network, count = line(10.0, 12, periodic=True), 12
+    waves = gp.NonlinearWaves(network, gp.PowerLaw(exponent, 1.0))
+    qd, delta = 2.0 * math.pi / count, waves.overlap[0]
+    omega = 2.0 * np.sqrt(network.normal_stiffness[0] / network.masses[0]) * math.sin(0.5 * qd)
+    place, out, periods = np.arange(count), [], 40
+
+    for share in (1e-4, 0.04):
+        start, speed = np.zeros((count, 3)), np.zeros((count, 3))
+        start[:, 0], speed[:, 0] = share * delta * np.cos(qd * place), share * delta * omega * np.sin(qd * place)
+        motion = waves.run(periods * 2.0 * math.pi / omega, displacements=start, velocities=speed, frames=periods * 24 + 1)
+        phase = np.unwrap(np.angle(motion.displacements[:, :, 0] @ np.exp(-1j * qd * place)))
+        out.append(np.polyfit(motion.times, phase, 1)[0] / -omega)
+    wanted = (
+        0.25 * (exponent - 1.0) * ((exponent - 1.0) * math.cos(0.5 * qd) ** 2 + (exponent - 2.0) * math.sin(0.5 * qd) ** 2)
+    )
+    assert_allclose((out[1] - out[0]) / 0.04**2, wanted, rtol=0.03)
+
+
+# -- contacts ---------------------------------------------------------------------------------------------------------
+
+
+def test_two_balls_that_meet():
+    """They are in touch for 2.94326 (5 m*/(4 c))^(2/5) v^(-1/5), and exchange their velocities."""
+    network, speed = line(1e-12, 2), 0.2
+    waves = gp.NonlinearWaves(network)
+    coefficient, reduced = network.normal_force[0] / waves.overlap[0] ** 1.5, 0.5 * network.masses[0]
+    touch = 2.94326 * (1.25 * reduced / coefficient) ** 0.4 * speed**-0.2
+    motion = waves.run(1.5 * touch, velocities=push(network, speed), frames=3001)
+    assert_allclose(motion.times[motion.forces[:, 0] > 1e-9][-1], touch, rtol=1e-3)
+    most = coefficient * (1.25 * reduced / coefficient * speed**2) ** 0.6
+    assert_allclose(motion.forces.max(), most, rtol=1e-4)
+    assert_allclose(motion.velocities[-1, :, 0], [0.0, speed], atol=1e-6)
+    assert motion.forces[-1, 0] == 0.0
+
+
+def test_a_damped_ball_between_two_that_are_held():
+    network = line(10.0, 3)
+    network = replace(network, masses=np.where([True, False, True], np.inf, network.masses))
+    k, mass, tau = network.normal_stiffness[0], network.masses[1], 2e-6
+    motion = gp.NonlinearWaves(network, damping=tau).run(2e-3, velocities=push(network, 1e-6, 1), frames=401)
+    own, rate = math.sqrt(2.0 * k / mass), tau * k / mass
+    shaken = math.sqrt(own**2 - rate**2)
+    wanted = 1e-6 / shaken * np.exp(-rate * motion.times) * np.sin(shaken * motion.times)
+    assert_allclose(motion.displacements[:, 1, 0], wanted, atol=2e-3 * np.max(wanted))
+    assert_allclose(motion.energy + motion.lost, motion.energy[0], rtol=2e-3)
+    assert motion.lost[-1] > 0.9 * motion.energy[0]
+
+
+def test_slip_follows_mindlin_and_ends_at_coulombs_limit():
+    """A held ball is moved slowly across a contact with one that is held too: T = k_t s up to mu f."""
+    packing = gp.Packing(STEEL, D, lattice="chain", motions="in_plane")
+    network = gp.AveragedLattice(packing).at_force(10.0).network.repeat((3,)).cut(0, 1)
+    network = replace(network, masses=np.where([True, True, False], np.inf, network.masses))
+    waves, mu = gp.NonlinearWaves(network, friction_coefficient=0.1), 0.1
+    way = 2.0 * mu * 10.0 / network.shear_stiffness[0]
+
+    def move(time):
+        return way * time / 1e-4
+
+    motion = waves.run(1e-4, drive=gp.Drive(1, (0, 1, 0), displacement=move), frames=21)
+    slip = np.array([move(time) for time in motion.times])
+    assert_allclose(motion.shears[:, 0], np.minimum(network.shear_stiffness[0] * slip, mu * 10.0), rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("mu", [math.inf, 0.2])
+def test_energy_and_momentum_of_an_array_that_is_hit(mu):
+    """Contacts open and slide; what is left of the energy is what was lost, and more with friction."""
+    network = bulk("triangular").repeat((6, 6)).cut(1, 1)
+    random = np.random.default_rng(0)
+    velocities = 0.5 * random.standard_normal((network.n_balls, 2))
+    velocities -= velocities.mean(axis=0)
+    motion = gp.NonlinearWaves(network, friction_coefficient=mu).run(1e-3, velocities=velocities, frames=21)
+    assert np.any(motion.forces == 0.0)
+    assert_allclose((motion.energy + motion.lost) / motion.energy[0], 1.0, atol=1e-4)
+    momentum = np.einsum("n,fnc->fc", network.masses, motion.velocities)
+    assert np.max(np.abs(momentum)) < 1e-12 * network.masses.sum() * 0.5
+    assert np.all(np.diff(motion.lost) > -1e-9 * motion.energy[0])
+
+
+def smooth():
+    """A small periodic array without friction, and random velocities."""
+    network = bulk("triangular", "in_plane").repeat((3, 3))
+    network = replace(network, shear_stiffness=np.zeros(network.n_contacts))
+    return gp.NonlinearWaves(network), 0.02 * np.random.default_rng(1).standard_normal((network.n_balls, 2))
+
+
+def test_time_runs_backwards():
+    waves, velocities = smooth()
+    there = waves.run(5e-4, velocities=velocities, frames=2)
+    end = {"displacements": there.displacements[-1], "velocities": -there.velocities[-1]}
+    back = waves.run(5e-4, **end, frames=2, step=there.step)
+    assert_allclose(back.velocities[-1, :, :2], -velocities, atol=1e-9 * np.abs(velocities).max())
+
+
+@pytest.mark.exhaustive
+def test_the_energy_does_not_drift():
+    """Over more than 1e5 steps; the least squares line rises by less than 1e-6."""
+    waves, velocities = smooth()
+    there = waves.run(5e-2, velocities=velocities, frames=2001)
+    assert there.times[-1] / there.step > 1e5
+    level = there.energy / there.energy[0] - 1.0
+    assert abs(np.polyfit(there.times / there.times[-1], level, 1)[0]) < 1e-6
+
+
+@pytest.mark.claim("nonlinear-linear")
+@pytest.mark.parametrize("lattice", ["triangular", "fcc"])
+def test_small_motions_are_modes(lattice):
+    network = bulk(lattice).repeat((4,) * bulk(lattice).dimension).cut(1, 1)
+    modes, number = gp.Waves(network).modes(5), 3
+    waves, axes = gp.NonlinearWaves(network), list(network.ball_motions.translations)
+    shape = modes.vectors[number]
+    start, turn = np.zeros((2, network.n_balls, 3))
+    start[:, axes] = shape[:, : len(axes)] / np.sqrt(network.masses)[:, None]
+    turn[:, list(network.ball_motions.rotations)] = shape[:, len(axes) :] / np.sqrt(network.inertias)[:, None]
+    size = 1e-6 * waves.overlap[0] / np.abs(start).max()
+    period = 1.0 / modes.frequencies[number]
+    motion = waves.run(period, displacements=size * start, rotations=size * turn, frames=9)
+    cosine = np.cos(2.0 * math.pi * motion.times / period)
+    for found, one, unit in ((motion.displacements, start, 1.0), (motion.rotations, turn, 2.0 / D)):
+        assert_allclose(found, size * cosine[:, None, None] * one, atol=1e-4 * unit * size * np.abs(start).max())
+
+
+# -- refusals ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_ball_that_flies_off_and_a_step_too_long():
+    network = line(1e-9, 4)
+    waves = gp.NonlinearWaves(network)
+    with pytest.raises(ConvergenceError, match="left its place"):
+        waves.run(1.0, velocities=push(network, -5.0), frames=1001, step=1e-5)
+    with pytest.raises(InputError, match="step of 1e-05 s is too long"):
+        waves.run(1e-3, velocities=push(network, 1.0), step=1e-5, frames=101)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"duration": 0.0}, "duration"), ({"velocities": np.ones((3, 3))}, "velocities has the shape"),
+        ({"displacements": np.full((4, 3), np.nan)}, "displacements"), ({"frames": 1}, "frames"),
+        ({"drive": gp.Drive(0, (1, 0, 0))}, "drive is"), ({"drive": 3}, "drive"),
+        ({"drive": gp.Drive(9, (1, 0, 0), force=lambda time: 1.0)}, "balls of a drive"),
+        ({"drive": gp.Drive(0, (1, 0, 0), displacement=lambda time: 1e-6)}, "begin at zero"),
+        ({"drive": gp.Drive(0, (0, 0, 0), force=lambda time: 1.0)}, "direction"), ({"step": -1.0}, "step"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_one_error(change, words):
+    waves = gp.NonlinearWaves(line(10.0, 4))
+    with pytest.raises(InputError, match=words):
+        waves.run(**{"duration": 1e-4, **change})
+
+
+def test_what_has_no_overlap_is_refused():
+    network = line(10.0, 4)
+    with pytest.raises(InputError, match="have no force"):
+        gp.NonlinearWaves(replace(network, normal_force=np.zeros(3)))
+    with pytest.raises(InputError, match="sideways"):
+        gp.NonlinearWaves(replace(network, prestress=True))
+    with pytest.raises(InputError, match="law is"):
+        gp.NonlinearWaves(network, law=gp.JKR(0.1))
+    held = replace(network, masses=np.where([True, False, False, False], np.inf, network.masses))
+    with pytest.raises(InputError, match="held"):
+        gp.NonlinearWaves(held).run(1e-4, drive=gp.Drive(0, (1, 0, 0), force=lambda time: 1.0))

@@ -1,0 +1,204 @@
+"""Transmission between half-infinite crystals: closed forms, transfer matrices, conservation, disorder, refusals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import granphon as gp
+from granphon.base.errors import InputError
+from tests.networks.test_cuts import bulk, chain
+
+K, MASS = 2e7, 9.75e-3
+#: frequencies up to the top of a chain of K and MASS, Hz
+TOP = np.sqrt(K / MASS) / np.pi
+F = np.linspace(1e-3, 1.2, 60) * TOP
+
+
+def phases(mass, frequencies=F):
+    """q d of the wave towards higher balls in a chain; a complex one decays."""
+    return 2.0 * np.arcsin(np.pi * frequencies * np.sqrt(mass / K) + 0j).conj()
+
+
+def even(mass):
+    """A chain of equal balls and springs K, two of each in the cell."""
+    return chain([mass, mass], (K, K))
+
+
+def strip(masses, springs):
+    """A chain of so many balls, with free ends."""
+    n = len(masses)
+    found = even(MASS).cut(0, n // 2 + 1).select(range(n))
+    order = np.minimum(found.i, found.j)
+    return replace(found, masses=np.array(masses), normal_stiffness=np.array(springs)[order])
+
+
+@pytest.mark.claim("transmission")
+def test_an_interface_of_light_and_heavy_balls():
+    """Both chains go on across the contact as if it were their own: r = (1 - exp(i(q1 - q2)))/(exp(-i(q1 + q2)) - 1)."""
+    light, heavy = (even(mass) for mass in (MASS, 4.0 * MASS))
+    q1, q2 = phases(MASS), phases(4.0 * MASS)
+    sent = np.abs((1.0 - np.exp(1j * (q1 - q2))) / (np.exp(-1j * (q1 + q2)) - 1.0)) ** 2
+    found = gp.transmission(light, None, heavy, F)
+    runs = F < TOP
+    assert_allclose(found.reflected[runs], sent[runs], atol=1e-10)
+    assert_allclose((found.transmitted + found.reflected)[runs], 1.0, atol=1e-10)
+    assert_allclose(found.transmitted[0], 8.0 / 9.0, rtol=1e-5)
+    assert np.all(found.transmitted[F > 0.5 * TOP] == 0.0)
+    assert not np.any(found.modes[~runs, 0])
+    assert not np.any(found.reflected[~runs])
+    # the way back lets as much through
+    back = gp.transmission(heavy, None, light, F)
+    assert_allclose(back.transmitted, found.transmitted, atol=1e-10)
+
+
+@pytest.mark.claim("transmission")
+@pytest.mark.parametrize("seed", range(5))
+def test_a_strip_of_any_balls_and_springs_by_transfer_matrices(seed):
+    random = np.random.default_rng(seed)
+    n, own = int(random.integers(2, 12)), random.uniform(0.3, 3.0, 2)
+    masses, springs = MASS * random.uniform(0.3, 3.0, n), K * random.uniform(0.3, 3.0, n - 1)
+    leads = [even(MASS * m) for m in own]
+    at = F[: np.searchsorted(F, 0.6 * TOP)]
+    found = gp.transmission(leads[0], strip(masses, springs), leads[1], at)
+    q1, q2 = (phases(MASS * m, at) for m in own)
+    for place, f in enumerate(at):
+        # (u, force across the next contact) from ball to ball, from the last ball of the left lead to the right one's first
+        step = np.eye(2, dtype=complex)
+        for spring, mass in zip((K, *springs), masses, strict=True):
+            step = np.array([[1.0, 1.0 / spring], [0.0, 1.0]]) @ step
+            step = np.array([[1.0, 0.0], [-mass * (2.0 * np.pi * f) ** 2, 1.0]]) @ step
+        step = np.array([[1.0, 1.0 / K], [0.0, 1.0]]) @ step
+        # forces K (u_1 - u_0) behind the last ball of the left lead, of the waves in, back and on
+        shape = [np.array([1.0, K * (np.exp(1j * q) - 1.0)]) for q in (q1[place], -q1[place])]
+        on = np.array([1.0, K * (1.0 - np.exp(-1j * q2[place]))])
+        r, t = np.linalg.solve(np.stack([step @ shape[1], -on], axis=1), -step @ shape[0])
+        assert_allclose(found.reflected[place], abs(r) ** 2, atol=1e-10)
+        flux = np.sin(q2[place].real) / np.sin(q1[place].real)
+        assert_allclose(found.transmitted[place], abs(t) ** 2 * flux, atol=1e-10)
+    assert_allclose(found.transmitted + found.reflected, 1.0, atol=1e-10)
+
+
+@pytest.mark.claim("transmission")
+@pytest.mark.parametrize(
+    ("lattice", "axis", "cells"),
+    [
+        ("triangular", 1, 4), ("triangular", (1, 1), 4), ("honeycomb", 1, 3), ("fcc", (1, 1, 0), 4), ("fcc", (1, 1, 1), 4),
+        ("hcp", 2, 3),
+    ],
+)  # fmt: skip
+def test_energy_is_conserved_whatever_the_strip(lattice, axis, cells):
+    """A crystal passes all of its own waves; what a strip of random balls and contacts does not pass, it sends back."""
+    network, random = bulk(lattice), np.random.default_rng(3)
+    q = random.uniform(-0.5, 0.5, network.dimension - 1)
+    at = np.linspace(0.1, 0.9, 9) * gp.Phonons(network).lattice.top_frequency * network.scales.frequency
+    same = network.cut(axis, cells)
+    through = gp.transmission(network, same, network, at, axis=axis, q=q)
+    runs = through.modes[:, 0] > 0
+    assert np.any(runs)
+    assert_allclose(through.transmitted[runs], 1.0, atol=1e-10)
+    factor = random.uniform(0.5, 2.0, same.n_balls)
+    spring = random.uniform(0.5, 2.0, same.n_contacts)
+    odd = replace(
+        same, masses=factor * same.masses, inertias=factor**2 * same.inertias,
+        normal_stiffness=spring * same.normal_stiffness, shear_stiffness=spring**2 * same.shear_stiffness,
+    )  # fmt: skip
+    on = gp.transmission(network, odd, network, at, axis=axis, q=q)
+    assert_allclose((on.transmitted + on.reflected)[runs], 1.0, atol=1e-10)
+    assert np.all(on.transmitted[runs] < 0.99)
+    assert_allclose(on.total, np.sum(np.abs(on.amplitudes) ** 2, axis=(1, 2)), rtol=1e-12)
+
+
+def test_losses_of_the_strip_are_what_is_missing():
+    """To first order they go with the loss factor, or with frequency times damping."""
+    network = bulk("triangular")
+    at, strip_of = np.array([5e3, 20e3]), network.cut(1, 5)
+
+    def missing(**losses):
+        found = gp.transmission(network, strip_of, network, at, axis=1, q=[0.05], **losses)
+        return 1.0 - found.transmitted - found.reflected
+
+    loss = [missing(loss_factor=one) for one in (1e-3, 1e-4)]
+    assert np.all(loss[1] > 0.0)
+    assert_allclose(loss[0] / loss[1], 10.0, rtol=0.02)
+    assert_allclose(missing(damping=1e-4 / (2.0 * np.pi * 5e3))[0], loss[1][0], rtol=1e-9)
+    assert np.all(missing(damping=0.0, tangential_damping=1e-8) < missing(damping=1e-8))
+
+
+@pytest.mark.exhaustive
+@pytest.mark.claim("transmission-disorder")
+def test_the_mean_free_path_is_that_of_the_spectral_function():
+    """Of transverse waves in strips four balls wide, between leads of the effective medium, at two frequencies."""
+    steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
+    packing, wide, force = gp.Packing(steel, diameter=8e-3, spread=gp.Uniform(6e-6)), 4, 18.446
+
+    def samples(length, count):
+        simulation = gp.DirectSimulation(packing, shape=(wide, length), samples=count, geometry="lattice")
+        return [one.network for one in simulation.at_force(force).samples]
+
+    q = 2.0 * np.pi * np.array([14, 24]) / (96 * 8e-3 * np.sqrt(0.75))
+    lines = []
+    for network in samples(96, 10):
+        waves = gp.Waves(network)
+        lines.append(waves.spectral_function(waves.nearest_wavevectors(np.stack([0.0 * q, q], axis=1)), "transverse"))
+    rate = np.array([1.0 / one.mean_free_path for one in lines])
+    at = np.mean([one.peak for one in lines], axis=0)
+    lead = gp.EffectiveMedium(packing).at_force(force).network.repeat((wide, 1))
+    runs = [
+        gp.transmission(lead, network.cut(1, 1), lead, at, axis=1)
+        for length in (16, 32, 48, 64)
+        for network in samples(length, 12)
+    ]
+    found = gp.scattering_lengths(runs)
+    # the wave along the strip, without a wave vector across it, with the largest wave number
+    for place, mode in enumerate(found.mean_free_path.shape[1] - 1 - np.argmax(runs[0].wavenumbers[:, ::-1] > 0.0, axis=1)):
+        path, error = found.mean_free_path[place, mode], found.mean_free_path_error[place, mode]
+        other = 1.0 / rate[:, place].mean()
+        its = other * rate[:, place].std(ddof=1) / np.sqrt(len(rate)) / rate[:, place].mean()
+        assert abs(path - other) < 2.5 * np.hypot(error, its)
+        assert error < 0.3 * path
+    logs = [np.mean([-np.log(one.total[1]) for one in runs[12 * n : 12 * n + 12]]) for n in range(4)]
+    assert np.all(np.diff(logs) > 0.0)
+    assert np.all(found.localisation_length_error < 0.2 * found.localisation_length)
+
+
+def test_scattering_lengths_of_exact_falls():
+    """Amplitudes exp(-L/2l) with small random parts give l and, of one wave, xi = 2 l."""
+    light = even(MASS)
+    first = gp.transmission(light, strip([MASS] * 2, [K]), light, [0.3 * TOP])
+    runs, random = [], np.random.default_rng(0)
+    for length in (1.0, 2.0, 3.0):
+        for _ in range(4):
+            t = np.exp(-length / 2.0 / 0.8) * (1.0 + 1e-4 * random.standard_normal())
+            runs.append(replace(
+                first, length=length, amplitudes=np.array([[[t]]], complex), transmitted_by_mode=np.array([[t * t]]),
+            ))  # fmt: skip
+    found = gp.scattering_lengths(runs)
+    assert_allclose([found.mean_free_path[0, 0], found.localisation_length[0]], [0.8, 1.6], rtol=1e-3)
+    assert abs(found.mean_free_path[0, 0] - 0.8) < 4.0 * found.mean_free_path_error[0, 0]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"frequencies": [2e3, 1e3]}, "ascending"), ({"frequencies": [0.0, 1e3]}, "frequencies"),
+        ({"frequencies": [1j]}, "frequencies"), ({"axis": 5}, "axis"), ({"q": [0.1, 0.2]}, "q has the shape"),
+        ({"loss_factor": -0.1}, "loss_factor"), ({"damping": -1.0}, "damping"), ({"left": 3}, "no network"),
+        ({"right": "fcc"}, "motions"), ({"middle": "wide"}, "does not fit"), ({"middle": "periodic"}, "does not fit"),
+        ({"middle": "smooth"}, "motions"), ({"middle": "shifted"}, "do not stand"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_one_error(change, words):
+    network = bulk("honeycomb")
+    strip_of = network.cut(1, 4)
+    smooth = replace(strip_of, shear_stiffness=0.0 * strip_of.shear_stiffness)
+    moved = replace(strip_of, positions=strip_of.positions * [1.0, 1.24, 1.0])
+    wide = network.repeat((2, 1)).cut(1, 4)
+    named = {"fcc": bulk("fcc"), "wide": wide, "periodic": network, "smooth": smooth, "shifted": moved}
+    given = {"left": network, "middle": strip_of, "right": network, "frequencies": [1e3, 2e3], "axis": 1, **change}
+    given = {name: named.get(value, value) if isinstance(value, str) else value for name, value in given.items()}
+    with pytest.raises(InputError, match=words):
+        gp.transmission(**given)
