@@ -19,7 +19,8 @@ _ORDER = (
     "slowness_fcc", "rolling_modes", "zigzag_edge", "surface_waves_fcc", "transfer_function", "transmission",
     "pressure_sweep", "ladder", "work_precision", "force_chains", "conjecture",
     "true_directions", "hysteresis", "disorder_in_space", "fit_width", "several_runs", "spectral_function", "soft_modes",
-    "coherent_speckle", "wave_crossing", "hexagon_pulse", "random_packing",
+    "coherent_speckle", "wave_crossing", "hexagon_pulse", "solitary_wave", "impact_on_hexagon",
+    "random_packing",
 )  # fmt: skip
 _shown: WeakSet[Any] = WeakSet()
 #: which panel stands for an example, counted as the figure does, where it is not the largest one

@@ -169,7 +169,7 @@ def draw_results(
         typer.Option("--out", "-o", metavar="FILE", help="The file to write; its ending is the format (.png, .pdf, .svg)."),
     ] = None,
     x: Annotated[
-        str | None, typer.Option("--x", metavar="LOAD", help="The axis: force, pressure, overlap or reduced_force.")
+        str | None, typer.Option("--x", metavar="LOAD", help="force, pressure, overlap, reduced_force, or a parameter.")
     ] = None,
     y: Annotated[
         str | None,

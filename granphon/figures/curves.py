@@ -324,7 +324,7 @@ def find_load(dataset: Dataset) -> str:
     return next((str(name) for name in LOAD_KINDS if name in dataset.coords and dataset[name].dims == ("load",)), "force")
 
 
-def read_values(dataset: Dataset, name: str) -> Any:
+def read_values(dataset: Dataset, name: str, run: str = "") -> Any:
     """Return a variable over the load; :class:`InputError` if it cannot be drawn, FigureError beyond matplotlib's axes."""
     if name not in dataset.variables:
         known = ", ".join(map(str, dataset.data_vars))
@@ -333,7 +333,8 @@ def read_values(dataset: Dataset, name: str) -> Any:
     if name not in list_quantities(dataset, "fiub"):
         raise InputError(message(f"{name!r} is not one number at each load", mend="Draw another variable"))
     if not np.any(np.isfinite(values)):
-        raise InputError(message(f"{name!r} has no finite value", mend="Draw another variable"))
+        why = "It is infinite for equal balls" if name == "reduced_force" else ""
+        raise InputError(message(f"{name} of {run or 'the sweep'} has no finite value", why, "Draw another variable"))
     sizes = np.abs(np.asarray(values, float))
     far = (np.isfinite(sizes) & (sizes > _LARGEST)) | ((sizes > 0.0) & (sizes < 1.0 / _LARGEST))
     if np.any(far):
@@ -359,6 +360,13 @@ def list_parameters(dataset: Dataset) -> list[str]:
     return [str(name) for name in (*dataset["valid"].dims, *along) if name not in ("load", "medium")]
 
 
+def turn_over(dataset: Dataset, x: str | None) -> Dataset:
+    """Return the data set with the parameter ``x`` in the place of the load, if it is one in numbers: curves lie over it."""
+    if x not in list_parameters(dataset) or dataset[x].dtype.kind not in "fiu":
+        return dataset
+    return dataset.drop_vars("load", errors="ignore").swap_dims({"load": find_load(dataset)}).rename_dims({x: "load"})
+
+
 def read_curve(
     dataset: Dataset, variable: str, x: str, index: dict[str, int], run: str = "", facts: dict[str, str] | None = None
 ) -> Curve:
@@ -367,7 +375,7 @@ def read_curve(
     def take(values: Any) -> Any:
         return np.asarray(values.isel(index, missing_dims="ignore"))
 
-    across, along = read_values(dataset, x), read_values(dataset, variable)
+    across, along = (read_values(dataset, name, run) for name in (x, variable))
     error = dataset.get(f"{variable}_error", dataset[variable] * np.nan)
     served: tuple[str, ...] = ()
     medium = str(np.atleast_1d(dataset["medium"].values)[index["medium"]])
@@ -420,6 +428,8 @@ def describe_lines(dataset: Dataset, variable: str) -> list[tuple[dict[str, str]
             value = dataset[name].values[number]
             value = value.item() if hasattr(value, "item") else value
             kind, text = ("direction", f"along {value}") if name == "direction" else describe_parameter(name, value)
+            if name in _LOADS:
+                text = f"{name} {write_value(float(value), str(dataset[name].attrs.get('units', '')))}"
             facts[kind] = text
         found += [(facts | own, at | {"medium": m}) for m, own in enumerate(media)]
     return found
@@ -437,7 +447,7 @@ def plot_sweep(
     ----------
     dataset : a data set made by :func:`granphon.sweep`.
     variable, x : names of variables or coordinates over load; ``x`` is by default the load that was given, a force, a
-        pressure or an overlap.
+        pressure or an overlap; or a parameter in numbers, such as A.diameter, with a line for each load.
     legend : whether to draw a legend; it names no more than eight combinations, and says of how many.
 
     Axes are logarithmic where all values are above zero. Lines are solid where the medium is valid, thin and dashed
@@ -462,6 +472,7 @@ def _draw_sweep(dataset: Dataset, ax: Axes, variable: str, x: str | None) -> tup
 
     These are the media, combinations of parameters, grey if there are several media, and what holds for all curves.
     """
+    dataset = turn_over(dataset, x)
     x, colours = x or find_load(dataset), itertools.cycle(COLOURS)
     read_values(dataset, variable)
     lines = sorted(describe_lines(dataset, variable), key=lambda line: line[1]["medium"])
@@ -672,14 +683,12 @@ def _draw_together(
         name = print_hertz(unit)
         ax.set(xlabel=f"Frequency ({name})", ylabel=f"DOS per ball (1/{name})", xlim=(0.0, None), ylim=(0.0, None))
         return drawn
+    if x:
+        runs = [run if run.dataset is None else replace(run, dataset=turn_over(run.dataset, x.strip())) for run in runs]
     across, along = choose_axes(runs, x, y)
     curves = list[Curve]()
     for run in runs:
         assert run.dataset is not None  # choose_axes has seen that
-        for name in (across, along):
-            if not np.any(np.isfinite(run.dataset[name])):
-                why = "It is infinite for equal balls" if name == "reduced_force" else ""
-                raise InputError(message(f"{name} of {run.name} is nowhere finite", why, "Draw it over another load"))
         if run.measured is not None:
             curves.append(replace(read_curve(run.measured, along, across, {"medium": 0}, run.name), measured=True))
         named = {"name": run.name} if run.named else {}
@@ -800,10 +809,14 @@ def choose_axes(runs: Sequence[Run], x: str | None, y: str | None) -> tuple[str,
         loads = {find_load(run.dataset) for run in runs if run.dataset is not None}
         load = loads.pop() if len(loads) == 1 else "force"
     else:
-        load = x.strip().lower().replace(" ", "_")
-        if load not in _LOADS:
+        load = x.strip()
+        if not (turned := all(run.dataset is not None and load in run.dataset.coords for run in runs)):
+            load = load.lower().replace(" ", "_")
+        if load not in _LOADS and not turned:
             meant = closest(load, _LOADS)
-            mend = f"Did you mean {meant}" if meant else "Use " + ", ".join(_LOADS)
+            data = runs[0].dataset
+            own = [] if data is None else [one for one in list_parameters(data) if data[one].dtype.kind in "fiu"]
+            mend = f"Did you mean {meant}" if meant else "Use " + ", ".join((*_LOADS, *own))
             raise InputError(message(f"{x!r} is no load", mend=mend))
         if without := [run for run in runs if load not in run.quantities]:
             what = f"{_list(without)} {'has' if len(without) == 1 else 'have'} no {load}"

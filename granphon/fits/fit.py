@@ -332,28 +332,6 @@ def _descend(problem: FitProblem, start: Array) -> Array:
     return np.asarray(start + found.x)
 
 
-def find_covariance(problem: FitProblem, logs: Array, residuals: Array, matrix: Array) -> tuple[Array, Array]:
-    """Return the covariance (p, p) of the logarithms, and the step (p,) to the minimum of the linear problem.
-
-    :class:`~granphon.base.errors.InputError` if the data do not determine the parameters.
-    """
-    norms = np.linalg.norm(matrix, axis=0)
-    left, singular, right = np.linalg.svd(matrix / np.maximum(norms, 1e-300), full_matrices=False)
-    same = bool(np.all(norms > 0.0)) and singular[-1] < _SAME_EFFECT * singular[0]
-    every = len(problem.model.names) == len(VARIABLE)  # no data can tell all three apart
-    # if the others were known, the standard error of a parameter would be 1/norm
-    where = problem.model.width_index
-    vanishing = where is not None and logs[where] < math.log(problem.widths[0])
-    if not (same and every) and (np.any(norms < 1.0) or vanishing):
-        raise explain_undetermined(problem, logs, 1.0 / np.maximum(norms, 1e-300))
-    if same:
-        why = "The velocities of long waves depend on E/d and E d^(1/2) W^(3/2) only" if every else ""
-        mend = "Measure over a wider range of force, or fit fewer parameters"
-        raise InputError(message(f"the data cannot tell {' and '.join(problem.model.names)} apart", why, mend))
-    root = (right / singular[:, None]).T / norms[:, None]
-    return root @ root.T, root @ (left.T @ residuals)
-
-
 def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> InputError:
     """Return the error that says why the data do not determine the parameters; ``errors`` are those of the logarithms."""
     model, sigma, worst = problem.model, problem.sigma, int(np.argmax(errors))
@@ -622,7 +600,22 @@ def fit_width(
         off, least = problem(logs)[0], np.finfo(float).eps * float(np.max(data.velocity))
         problem = replace(problem, sigma=np.full(off.shape, max(math.sqrt(float(off @ off) / problem.dof), least)))
     residuals, matrix = problem(logs)
-    covariance, step = find_covariance(problem, logs, residuals, matrix)
+    # the covariance of the logarithms, and the step to the minimum of the linear problem
+    norms = np.linalg.norm(matrix, axis=0)
+    left, singular, right = np.linalg.svd(matrix / np.maximum(norms, 1e-300), full_matrices=False)
+    same = bool(np.all(norms > 0.0)) and singular[-1] < _SAME_EFFECT * singular[0]
+    every = len(names) == len(VARIABLE)  # no data can tell all three apart
+    # if the others were known, the standard error of a parameter would be 1/norm
+    where = problem.model.width_index
+    vanishing = where is not None and logs[where] < math.log(problem.widths[0])
+    if not (same and every) and (np.any(norms < 1.0) or vanishing):
+        raise explain_undetermined(problem, logs, 1.0 / np.maximum(norms, 1e-300))
+    if same:
+        why = "The velocities of long waves depend on E/d and E d^(1/2) W^(3/2) only" if every else ""
+        mend = "Measure over a wider range of force, or fit fewer parameters"
+        raise InputError(message(f"the data cannot tell {' and '.join(names)} apart", why, mend))
+    root = (right / singular[:, None]).T / norms[:, None]
+    covariance, step = root @ root.T, root @ (left.T @ residuals)
     errors = np.sqrt(np.diag(covariance))
     # where the given sigma is smaller than the scatter, the step is compared with errors that the scatter would give
     chi2, given = float(residuals @ residuals), data.sigma is not None

@@ -33,10 +33,15 @@ from granphon.waves.chebyshev import Kernel
 from granphon.waves.dos import SpectralDensity
 from granphon.waves.operator import WaveOperator
 from granphon.waves.path_spectra import PathSpectra, find_path_points
-from granphon.waves.plane_waves import find_polarisations
 from granphon.waves.pulses import MARGIN, Pulse, PulseSource, average_pulses, require_sendable, transmit
 from granphon.waves.settings import WaveSettings
-from granphon.waves.spectral_functions import SpectralFunction, find_attenuation, find_ioffe_regel, find_mean_free_path
+from granphon.waves.spectral_functions import (
+    SpectralFunction,
+    find_attenuation,
+    find_ioffe_regel,
+    find_mean_free_path,
+    find_polarisations,
+)
 from granphon.waves.waves import Waves
 
 Array = NDArray[Any]

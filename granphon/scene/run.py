@@ -144,7 +144,9 @@ def tell_undrawn(scene: Plan) -> str:
     varied = [name for name, values in (*scene.parameters, ("direction", scene.directions)) if len(values) > 1]
     if scene.is_single or len(varied) <= 1:
         return ""
-    return f"sweep.png: its lines show one parameter, and {' and '.join(varied)} vary; sweep.csv has the numbers"
+    own = next((name for name, values in scene.parameters if len(values) > 1 and not isinstance(values[0], str | bool)), "")
+    drawn = f", and granphon plot --x {own} draws them" * bool(own)
+    return f"sweep.png: its lines show one parameter, and {' and '.join(varied)} vary; sweep.csv has the numbers{drawn}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -188,9 +188,9 @@ class WaveOperator(LinearOperator[np.float64]):
         """Return weights (2, n_c) of elongation, and of other deformations, as those of the rows."""
         return np.concatenate([weights[int(row.kind != "elongation")] for row in self.rows])
 
-    def compose(self, rows: list[Row]) -> csr_array[Any]:
-        """Return C M^-1/2, (kinds x n_c, size): deformations from mass-weighted motions."""
-        return self._make_matrix(rows, [1.0] * len(rows))
+    def compose(self, rows: list[Row], phase: Any = 1.0) -> csr_array[Any]:
+        """Return C M^-1/2, (kinds x n_c, size): deformations from mass-weighted motions, as for :meth:`matrix_of_wave`."""
+        return self._make_matrix(rows, [1.0] * len(rows), phase)
 
     def matrix_of_wave(self, phase: NDArray[Any], elongation: complex = 1.0, other: complex = 1.0) -> csr_array[Any]:
         """Return D of waves along the periods, across whose boundaries balls j of contacts move with the ``phase`` (n_c,).
@@ -203,7 +203,7 @@ class WaveOperator(LinearOperator[np.float64]):
         if network.prestress:
             across = push_rows(network.normal[:, : network.dimension], self.motions)
             rows, stiff = rows + across, stiff + [-network.normal_force / network.distance] * len(across)
-        one = self._make_matrix(rows, [1.0] * len(rows), phase)
+        one = self.compose(rows, phase)
         weights = np.concatenate([np.broadcast_to(each, count) for each in stiff])
         found: csr_array[Any] = (one.conj().T.tocsr() @ one.multiply(weights[:, None]).tocsr()).tocsr()
         return found

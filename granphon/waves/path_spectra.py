@@ -19,8 +19,7 @@ from granphon.base.tables import Heading, write_table
 from granphon.base.validation import whole_number
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.networks.network import ContactNetwork
-from granphon.waves.plane_waves import PeriodicCell, nearest_wavevectors
-from granphon.waves.spectral_functions import SpectralFunction
+from granphon.waves.spectral_functions import PeriodicCell, SpectralFunction, nearest_wavevectors
 from granphon.waves.waves import Waves
 
 Array = NDArray[np.float64]

@@ -22,10 +22,9 @@ from granphon.waves.chebyshev import Kernel
 from granphon.waves.dos import MOST_MOMENTS, AllModes, LocalDensity, RandomVectors, SpectralDensity, find_local_density
 from granphon.waves.modes import DENSE, NetworkModes, find_damped, find_modes, require_stable
 from granphon.waves.operator import WaveOperator, make_operator
-from granphon.waves.plane_waves import nearest_wavevectors
 from granphon.waves.pulses import Pulse, PulseSource, transmit
 from granphon.waves.response import Response, find_response
-from granphon.waves.spectral_functions import PlaneWaves, SpectralFunction
+from granphon.waves.spectral_functions import PlaneWaves, SpectralFunction, nearest_wavevectors
 
 Array = NDArray[np.float64]
 P = ParamSpec("P")

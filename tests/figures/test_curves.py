@@ -118,6 +118,25 @@ def test_parameters_of_a_sweep_are_facts_like_those_of_a_packing(ax):
     assert texts(ax)[-3:] == ["with friction, effective medium:", "W = 1 µm", "equal balls"]
 
 
+def test_a_parameter_takes_the_place_of_the_load(ax):
+    kinds = [gp.Ball(gp.Material(193e9, 0.3, 8000.0), d, name=name) for d, name in ((8e-3, "A"), (6e-3, "B"))]
+    values = {"A.mass": [1e-3, 2e-3, 3e-3], "B.mass": [1e-3, 2e-3]}
+    data = gp.sweep(gp.Crystal.on("chain", kinds), force=[1.0, 10.0], **values)
+    for draw in (lambda: plot_together([data], ax, x="A.mass"), lambda: plot_sweep(data, ax, x="A.mass")):
+        ax.clear()
+        draw()
+        assert ax.get_xlabel() == "A.mass (kg)"
+        lines = [line for line in ax.lines if str(line.get_gid()).endswith("-valid")]
+        assert len(lines) == 4
+        for line, (mass, force) in zip(lines, [(m, f) for f in range(2) for m in range(2)], strict=True):
+            assert_array_equal(line.get_xdata(), values["A.mass"])
+            wanted = data["longitudinal"].isel({"load": force, "B.mass": mass, "medium": 0})
+            assert_array_equal(line.get_ydata(), wanted)
+    assert "force 10 N, m = 0.002 kg of B" in [text.get_text() for text in ax.get_legend().get_texts()]
+    with pytest.raises(InputError, match=r"'bulk' is no load. Use force, .*, A.mass, B.mass"):
+        plot_together([data], ax, x="bulk")
+
+
 def test_beyond_the_colours_dashes_tell_lines_apart(ax):
     looks = make_looks(MOST_LOOKS)
     assert len({(look.colour, look.dashes) for look in looks}) == MOST_LOOKS
@@ -219,7 +238,7 @@ def test_what_cannot_share_an_axis_is_named(steel, fcc, fit, ax):
         ({"a": steel, "b": fit}, {"y": "bulk"}, "^b holds no bulk"),
         ({"a": steel}, {"y": "longitudnal"}, "Did you mean longitudinal"),
         ({"a": steel}, {"x": "presure"}, "Did you mean pressure"),
-        ({"a": fcc}, {"x": "reduced_force"}, "^reduced_force of a is nowhere finite. It is infinite for equal balls"),
+        ({"a": fcc}, {"x": "reduced_force"}, "^reduced_force of a has no finite value. It is infinite for equal balls"),
         ({"a": "text"}, {}, "'text' shares no figure with others"),
         ({}, {}, "nothing to draw"),
     ):

@@ -87,7 +87,6 @@ def test_a_named_column_goes_before_one_found(tmp_path):
 @pytest.mark.parametrize(
     ("text", "options", "words"),
     [
-        ("force (N),v (m/s)\n2,5\n", {}, "no column named 'velocity'"),
         (
             "force (N),v (m/s)\n2,5\n",
             {},
@@ -104,19 +103,19 @@ def test_a_named_column_goes_before_one_found(tmp_path):
         ("pressure,time\n2,5\n", {"distance": 1.0, "pressed": float}, "no unit for 'pressure' and 'time'"),
         ("force,time (s)\n2,5\n", {}, "has no column named 'distance', and no unit for 'force'"),
         ("force (N),velocity (m/s),sigma\n2,5,1\n", {}, "has no unit for 'sigma'"),
-        ("f (N),velocity (m/s)\n2,5\n", {}, "no column named 'force'"),
-        ("force (N),time (s)\n2,5\n", {}, "no column named 'distance'"),
         ("force (N),side_force (N),velocity (m/s)\n2,3,5\n", {}, "both force and side_force. Head the column"),
         ("pressure (N/m),side_force (N),velocity (m/s)\n2,3,5\n", {}, "both side_force and pressure. Head the column"),
         ("pressure (N/m),velocity (m/s)\n2,3\n", {}, "gives pressures. The contact forces depend on the packing too"),
         ("pressure (Pa),velocity (m/s)\n2,3\n", {"pressed": float}, "whose unit is not a unit of force per length"),
         ("force (N),velocity (m/s),sigma (%)\n2,3,-1\n", {}, "data.csv:2: sigma: found '-1 %', which is negative"),
-        ("force (N),velocity (%)\n2,3\n", {}, "data.csv:2: velocity: found '3 %', whose unit is not a unit of velocity"),
         ("force (N),velocity (m/s),time (s)\n2,3,5\n", {}, "has both velocity and time"),
         ("force (N),velocity (m/s),sigma (m/s),time_sigma (s)\n2,3,5,1\n", {}, "has both sigma and time_sigma"),
         ("side_force (N),velocity (m/s)\n2,3\n", {}, "gives side forces. The contact forces depend on the number of balls"),
-        ("force (N),velocity (m/s)\n2,3\n", {"columns": {"velocty": "v"}}, "'velocty' is not a kind of column"),
-        ("force (N),velocity (m/s)\n2,3\n", {"columns": {"velocty": "v"}}, "Did you mean velocity"),
+        (
+            "force (N),velocity (m/s)\n2,3\n",
+            {"columns": {"velocty": "v"}},
+            "column of measurements. Did you mean velocity",
+        ),
         (
             "force (N),velocity (m/s)\n2,3\n",
             {"columns": {"x": "v"}},
@@ -130,9 +129,7 @@ def test_a_named_column_goes_before_one_found(tmp_path):
         ("force (N),v (m/s)\n2,3\n", {"distance": 0.5}, "no column named 'velocity'"),
         ("force (N),velocity (m/s),time_sigma (s)\n2,3,1\n", {}, "no column named 'time'"),
         ("force (N),velocity (N)\n2,3\n", {}, "data.csv:2: velocity: found '3 N', whose unit is not a unit of velocity"),
-        ("force (N),velocity (m/s),sigma (m/s)\n2,3,0\n", {}, "data.csv:2: sigma: found '0 m/s', which is zero"),
         ("force (N),velocity (m/s)\n2,1e300\n", {}, "data.csv: velocity is 1e+300 m/s, more than the velocity of light"),
-        ("force (N),velocity (m/s),sigma (%)\n2,3e8,1\n", {}, "velocity is 3e+08 m/s, more than the velocity of light"),
     ],
 )
 def test_what_is_missing_or_said_twice_is_named(tmp_path, text, options, words):

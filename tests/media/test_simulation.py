@@ -608,9 +608,8 @@ def test_atoms_of_a_sample(spread):
 @pytest.mark.parametrize(
     ("keywords", "words"),
     [
-        ({"shape": (0, 3)}, "shape: found 0"), ({"shape": (2.0, 3)}, "shape: found 2.0"),
-        ({"shape": 5}, "two whole numbers"),
-        ({"shape": (1, 2, 3)}, "two whole numbers"), ({"shape": "ab"}, "shape: found 'a'"), ({"seed": -1}, "seed: found -1"),
+        ({"shape": (0, 3)}, r"shape: found \[0, 3\]"), ({"shape": (2.0, 3)}, r"shape: found \[2.0, 3\]"),
+        ({"shape": (1, 2, 3)}, "two whole"), ({"shape": "ab"}, "shape: found 'ab'"), ({"seed": -1}, "seed: found -1"),
         ({"seed": 0.5}, "seed: found 0.5"), ({"samples": 0}, "samples: found 0"), ({"samples": True}, "samples: found true"),
         ({"workers": 0}, "workers: found 0"), ({"executor": 5}, "executor is 5"),
         ({"diameters": [1.0, 2.0]}, "array \\(L1, L2\\)"), ({"diameters": np.zeros((2, 2))}, "above zero"),

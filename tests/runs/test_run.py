@@ -339,6 +339,7 @@ def test_parameters_that_make_no_figure_of_lines_have_none(work, capsys):
     assert listed(work / "out") == NUMBERS
     (work / "scene.yaml").write_text(text)
     said = "sweep.png: its lines show one parameter, and friction and width vary; sweep.csv has the numbers"
+    said += ", and granphon plot --x width draws them"
     for words, heading, told in (
         (["check", "scene.yaml"], "will not draw", True),
         (["run", "scene.yaml", "-o", "drawn"], "not drawn", True),

@@ -117,6 +117,50 @@ def test_frequency_of_a_travelling_wave_over_its_amplitude(exponent):
     assert_allclose((out[1] - out[0]) / 0.04**2, wanted, rtol=0.03)
 
 
+@pytest.mark.claim("amplitude-shift")
+@pytest.mark.parametrize("exponent", [1.5, 2.0, 3.0])
+@pytest.mark.parametrize("cell", [1, 2])
+def test_amplitude_shift_of_a_chain_in_closed_form(exponent, cell):
+    for angle in (0.3, 1.1, 2.0):
+        network = line(10.0, cell, periodic=True)
+        found = gp.amplitude_shift(network, [cell * angle / (2.0 * math.pi)], 0, gp.PowerLaw(exponent, 1.0))
+        cosine, rest = math.cos(0.5 * angle) ** 2, exponent - 1.0
+        wanted = 0.25 * rest * (rest * cosine + (exponent - 2.0) * (1.0 - cosine))
+        if cell * angle < math.pi:  # the lowest branch, as long as it is not folded
+            assert_allclose(found, wanted, rtol=1e-11)
+
+
+@pytest.mark.claim("amplitude-shift")
+def test_amplitude_shift_of_a_plane_in_time():
+    """The upper branch of a triangular array without friction: the run has the shift of perturbation."""
+    network, count = bulk("triangular"), 6
+    network = replace(network, shear_stiffness=np.zeros(network.n_contacts))
+    wanted = gp.amplitude_shift(network, [1.0 / count, 0.0], 1)
+    modes = gp.Phonons(network).modes([[1.0 / count, 0.0]])
+    omega, shape = 2.0 * math.pi * modes.frequencies[0, 1], modes.eigenvectors[0, :, 1]
+    array = network.repeat((count, 2))
+    waves, phases = gp.NonlinearWaves(array), np.exp(1j * array.positions[:, :2] @ modes.wavevectors[0])
+    shape = shape / np.linalg.norm(shape)
+    out = []
+    for share in (1e-4, 0.04):
+        wave = share * waves.overlap[0] * phases[:, None] * shape
+        start, speed = np.zeros((2, array.n_balls, 3))
+        start[:, :2], speed[:, :2] = wave.real, (-1j * omega * wave).real
+        motion = waves.run(40.0 * 2.0 * math.pi / omega, displacements=start, velocities=speed, frames=40 * 12 + 1)
+        phase = np.unwrap(np.angle(np.einsum("fna,na->f", motion.displacements[:, :, :2], wave.conj())))
+        out.append(-np.polyfit(motion.times, phase, 1)[0] / omega)
+    assert_allclose((out[1] - out[0]) / 0.04**2, wanted, rtol=0.05)
+
+
+def test_waves_without_an_amplitude_shift_are_refused():
+    network = line(10.0, 1, periodic=True)
+    for q, words in (([0.0], "costs nothing"), ([0.1, 0.2], "shape"), ([np.nan], "shape")):
+        with pytest.raises(InputError, match=words):
+            gp.amplitude_shift(network, q)
+    with pytest.raises(InputError, match="branch"):
+        gp.amplitude_shift(network, [0.1], 5)
+
+
 # -- contacts ---------------------------------------------------------------------------------------------------------
 
 

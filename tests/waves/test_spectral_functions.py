@@ -17,8 +17,14 @@ from granphon.base.errors import InputError, InstabilityError, PrecisionError
 from granphon.figures.plot import plot
 from granphon.networks.network import ContactNetwork
 from granphon.waves.chebyshev import Kernel, Moments
-from granphon.waves.plane_waves import PeriodicCell, fold_wavevectors, nearest_wavevectors
-from granphon.waves.spectral_functions import SpectralFunction, find_lines, true_width
+from granphon.waves.spectral_functions import (
+    PeriodicCell,
+    SpectralFunction,
+    find_lines,
+    fold_wavevectors,
+    nearest_wavevectors,
+    true_width,
+)
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 UNITS = gp.Units(8e-3, 3e6, 2e-3)

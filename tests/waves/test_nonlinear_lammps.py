@@ -1,0 +1,86 @@
+"""An array in motion in LAMMPS: normal forces, slip with Coulomb's limit, spins; contacts open and close."""
+
+import ctypes
+
+import numpy as np
+import pytest
+
+import granphon as gp
+from tests import packings
+
+STEEL = gp.Material(young_modulus=193e9, poisson_ratio=0.30, density=8000.0)
+D, SHAPE, MU = 8e-3, (6, 6), 0.3
+#: overlap over the diameter: directions and lever arms change by as much, which is what granphon leaves out
+OVERLAP = 1e-7
+
+
+def move_in_lammps(network, motions, step, steps, slip):
+    """Velocities and spins (n, 3) after some steps from those at the start, ``motions`` (n, 6)."""
+    try:
+        lmp = packings.start()
+    except (ImportError, OSError) as error:
+        pytest.skip(f"LAMMPS cannot be loaded: {error}")
+    cell, m = (1.0 - OVERLAP) * network.cell, STEEL
+    (a, _, _), (tilt, b, _), _ = cell.tolist()
+    modulus, shear = 0.5 * m.young_modulus / (1.0 - m.poisson_ratio**2), m.young_modulus / (2.0 * (1.0 + m.poisson_ratio))
+    tangential = (
+        f"mindlin_rescale/force {4.0 * shear / (2.0 - m.poisson_ratio)!r} 0 {MU}" if slip else "linear_nohistory 0 0"
+    )
+    lmp.commands_string(f"""
+        units si
+        dimension 2
+        boundary p p p
+        atom_style sphere
+        atom_modify map array
+        newton off
+        comm_modify vel yes
+        region box prism 0 {a!r} 0 {b!r} {-D!r} {D!r} {tilt!r} 0 0
+        create_box 1 box""")
+    n = network.n_balls
+    inverse = np.linalg.inv(cell[:2, :2])
+    places = np.zeros((n, 3))
+    places[:, :2] = np.mod((1.0 - OVERLAP) * network.positions[:, :2] @ inverse + 0.01, 1.0) @ cell[:2, :2]
+    lmp.create_atoms(n, np.arange(1, n + 1).tolist(), [1] * n, places.ravel().tolist())
+    lmp.commands_string(f"""
+        set group all diameter {D!r} mass {float(network.masses[0])!r}
+        pair_style granular
+        pair_coeff * * hertz {4.0 / 3.0 * modulus!r} 0 tangential {tangential} damping velocity
+        neighbor 1e-3 bin
+        fix move all nve/sphere
+        timestep {float(step)!r}""")
+    for name, values in (("v", motions[:, :3]), ("omega", motions[:, 3:])):
+        lmp.scatter_atoms(name, 1, 3, (ctypes.c_double * values.size)(*values.ravel()))
+    lmp.command(f"run {steps} post no")
+    found = [np.array(lmp.gather_atoms(name, 1, 3)).reshape(-1, 3) for name in ("v", "omega")]
+    lmp.close()
+    return found
+
+
+def differences(slip, finer):
+    """Rms differences of velocities and spins over their rms, after the time of a thousand coarse steps."""
+    packing = gp.Packing(STEEL, D, friction=slip)
+    network = gp.AveragedLattice(packing).at_overlap(OVERLAP * D).network.repeat(SHAPE)
+    waves, random = gp.NonlinearWaves(network, friction_coefficient=MU), np.random.default_rng(2)
+    speed = OVERLAP * D * np.sqrt(network.normal_stiffness[0] / network.masses[0])
+    motions = np.zeros((network.n_balls, 6))
+    motions[:, :2] = speed * random.standard_normal((network.n_balls, 2))
+    step = 2e-3 / speed * OVERLAP * D
+    motion = waves.run(1000 * step, velocities=motions[:, :3], spins=motions[:, 3:], frames=2, step=step / finer)
+    assert np.any(motion.forces[-1] == 0.0)
+    theirs = move_in_lammps(network, motions, step / finer, 1000 * finer, slip)
+    ours = motion.velocities[-1], motion.spins[-1]
+    return [np.sqrt(np.mean((a - b) ** 2) / max(np.mean(a**2), 1e-300)) for a, b in zip(ours, theirs, strict=True)]
+
+
+@pytest.mark.claim("nonlinear-lammps")
+def test_balls_without_friction_move_as_in_lammps():
+    """The same steps; what is left is the part of directions that the overlap changes."""
+    assert differences(False, 1)[0] < 1e-6
+
+
+@pytest.mark.claim("nonlinear-lammps")
+def test_balls_with_friction_move_as_in_lammps():
+    """Slip up to Coulomb's limit, in 1e-4; LAMMPS takes the stiffness at the end of a step, which is of first order."""
+    coarse, fine = (np.array(differences(True, finer)) for finer in (1, 2))
+    assert np.all(fine < 1e-4)
+    assert np.all(np.abs(np.log2(coarse / fine) - 1.0) < 0.1)
