@@ -10,9 +10,8 @@ the next axis: y in a plane, z in space, x of a chain.
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -26,7 +25,8 @@ from granphon.array.sparse_matrices import compose
 from granphon.balls.ball import BALL_LIMITS, RIGID_PLANE, Ball, Body, ContactConstants
 from granphon.balls.contact_laws import DMT, JKR, Hertz, PairLaw, PowerLaw, TabulatedLaw, check_law, law_between
 from granphon.balls.contact_table import TOUCH, ContactTable, find_contacts, repeat_contacts, require_joined
-from granphon.balls.lattices import LATTICES, Lattice, find_lattice
+from granphon.balls.kinds import find_kinds, find_structure, list_balls, name_kinds, require_fit
+from granphon.balls.lattices import LATTICES, Lattice
 from granphon.balls.layers import Layers, find_faces, read_edges
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.balls.packing import MINDLIN, read_rolling, require_shallow
@@ -44,8 +44,6 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 #: a contact law that plain data can hold
 Laws = Hertz | PowerLaw | DMT | JKR | TabulatedLaw
-#: structures of two kinds of balls, beside the lattices that have a name
-STRUCTURES = ("NaCl", "CsCl", "zincblende")
 #: most cells of a supercell along a period, and most layers of a cut
 _MOST_CELLS = 1_000_000
 #: most balls of a crystal: its contacts are held in memory, about 1 kB a ball
@@ -152,10 +150,10 @@ class Crystal(Result):
             raise InputError(message(what, mend=f"Give up to {d} vectors of {d} numbers, as rows, in m"))
         if not (np.all(np.isfinite(places)) and np.all(np.isfinite(vectors))):
             raise InputError(message("the cell or a position of the crystal is not finite"))
-        given = _list_balls(balls)
+        given = list_balls(balls)
         if len(given) != n:
             raise InputError(message(f"there are {len(given)} balls and {n} positions", mend="Give one ball for each site"))
-        kinds, kind = _find_kinds(given)
+        kinds, kind = find_kinds(given)
         p, radii = len(vectors), np.array([ball.radius for ball in kinds])[kind]
         mean = float(np.mean(radii))
         if np.any(np.abs(vectors[:, p:]) > TOUCH * mean):
@@ -170,7 +168,7 @@ class Crystal(Result):
         contacts = find_contacts(vectors, places, name, radii)
         read = read_rolling(f"the crystal {name!r}", d, motions, torsion, bending)
         self._set(
-            kinds=kinds, names=_name_kinds(kinds), kind=kind, cell=vectors, positions=places, contacts=contacts,
+            kinds=kinds, names=name_kinds(kinds), kind=kind, cell=vectors, positions=places, contacts=contacts,
             law=_read_law(law), friction=require("friction", truth, friction), motions=motions,
             torsion=read[0], bending=read[1], name=name, faces=(), deviations=None,
         )  # fmt: skip
@@ -223,13 +221,13 @@ class Crystal(Result):
         The cell is scaled until neighbours touch. Raises :class:`~granphon.base.errors.InputError` if they cannot all touch,
         because the radii do not fit the lattice.
         """
-        given = _list_balls(balls)
-        _find_kinds(given)
+        given = list_balls(balls)
+        find_kinds(given)
         if lattice == "chain" or lattice is LATTICES["chain"]:
             steps = [one.radius + other.radius for one, other in zip(given, given[1:] + given[:1], strict=True)]
             places = np.concatenate([[0.0], np.cumsum(steps)])
             return cls(given, [[float(places[-1])]], places[:-1, None], **({"name": "chain"} | options))
-        structure = _find_structure(lattice)
+        structure = find_structure(lattice)
         if len(given) > structure.n_balls or structure.n_balls % len(given):
             sites = counted(structure.n_balls, "site")
             what = f"{counted(len(given), 'kind')} of balls do not go on the {sites} in a cell of {structure.name}"
@@ -247,7 +245,7 @@ class Crystal(Result):
             raise InputError(message(what, said, "Give balls of one size, or cell and positions at which they touch"))
         cell = scale * structure.vectors
         if len(given) == structure.n_balls == 2:
-            _require_fit(given, cell, structure.name)
+            require_fit(given, cell, structure.name)
         return cls(balls_on, cell, scale * structure.positions, **({"name": structure.name} | options))
 
     @classmethod
@@ -268,7 +266,7 @@ class Crystal(Result):
             raise InputError(message(what, mend='Give balls by symbols, as {"Na": ball}' if symbols else "Give one or more"))
         if missing := sorted(set(symbols) - set(balls)):
             raise InputError(message(f"there is no ball for {', '.join(missing)}", mend="Give one for each symbol"))
-        _find_kinds([balls[symbol] for symbol in symbols])
+        find_kinds([balls[symbol] for symbol in symbols])
         named = {symbol: replace(balls[symbol], name=symbol) for symbol in sorted(set(symbols))}
         places, cell = np.array(atoms.positions, float), np.array(atoms.cell, float)[np.array(atoms.pbc, bool)]
         small = TOUCH * float(np.mean([ball.radius for ball in named.values()]))
@@ -355,12 +353,12 @@ class Crystal(Result):
                     message(what, why, "Give a ball of the same size, or a new crystal from cell and positions")
                 )
             given[one] = ball
-        kinds, kind = _find_kinds(given)
+        kinds, kind = find_kinds(given)
         known = dict(zip(self.kinds, self.names, strict=True))
         deviations = self.deviations
         if deviations is not None:
             deviations = np.where(np.isin(np.arange(self.n_balls), at), 0.0, deviations)
-        return self._derive(kinds=kinds, kind=kind, names=_name_kinds(kinds, known), deviations=deviations)
+        return self._derive(kinds=kinds, kind=kind, names=name_kinds(kinds, known), deviations=deviations)
 
     def with_balls(self, balls: Mapping[str, Ball]) -> Self:
         """Return the crystal with other balls of some kinds, by name, at the same places.
@@ -1269,71 +1267,3 @@ def _read_law(law: Any) -> Any:
         if key[::-1] in law and law[key] != law[key[::-1]]:
             raise InputError(message(f"law has two laws for contacts of {key}", mend="Give one, in either order"))
     return tuple(law.items())
-
-
-def _list_balls(balls: Any) -> list[Any]:
-    if isinstance(balls, str | Mapping | set | frozenset) or not isinstance(balls, Iterable | Ball):
-        raise InputError(message(f"the balls are {brief(balls)}", mend="Give a list of granphon.Ball"))
-    return [balls] if isinstance(balls, Ball) else list(balls)
-
-
-def _find_kinds(balls: Sequence[Any]) -> tuple[tuple[Ball, ...], Index]:
-    """Return the different balls in the order in which they come, and the number of the kind of each."""
-    if not balls:
-        raise InputError(message("there are no balls", mend="Give a list of granphon.Ball"))
-    of_object: dict[int, int] = {}
-    kinds: dict[Ball, int] = {}
-    out = []
-    for ball in balls:
-        at = of_object.get(id(ball))
-        if at is None:
-            if not isinstance(ball, Ball):
-                raise InputError(message(f"{brief(ball)} is not a ball", mend="Give a granphon.Ball for each site"))
-            at = of_object[id(ball)] = kinds.setdefault(ball, len(kinds))
-        out.append(at)
-    return tuple(kinds), np.array(out, np.intp)
-
-
-def _name_kinds(kinds: Sequence[Ball], known: Mapping[Ball, str] | None = None) -> tuple[str, ...]:
-    """Return the name of each kind: that which is known or its own, or the next of the letters A, B, C, ..."""
-    names = {ball: (known or {}).get(ball) or ball.name for ball in kinds}
-    taken = {name for name in names.values() if name} | {RIGID_PLANE.name}
-    letters = (
-        "".join(one) for size in itertools.count(1) for one in itertools.product("ABCDEFGHIJKLMNOPQRSTUVWXYZ", repeat=size)
-    )
-    free = (one for one in letters if one not in taken)
-    found = tuple(names[ball] or next(free) for ball in kinds)
-    if len(set(found)) < len(found) or RIGID_PLANE.name in found:
-        twice = next(name for name in found if found.count(name) > 1 or name == RIGID_PLANE.name)
-        raise InputError(message(f"two kinds are called {twice!r}", "Laws are given by names", "Name each kind differently"))
-    return found
-
-
-def _require_fit(balls: Sequence[Ball], cell: Array, name: str) -> None:
-    """Raise :class:`InputError` if the larger of two balls of a cell touch each other before they touch the smaller."""
-    steps = np.stack(np.meshgrid(*[[-1, 0, 1]] * len(cell)), axis=-1).reshape(-1, len(cell))
-    apart = float(np.min(np.linalg.norm(steps[np.any(steps, axis=1)] @ cell, axis=1)))
-    small, large = sorted(balls, key=lambda ball: ball.diameter)
-    if apart >= large.diameter * (1.0 - TOUCH):
-        return
-    least = 2.0 * large.diameter * (0.5 * (small.diameter + large.diameter) / apart) - large.diameter
-    which = f"ball {small.name or 'AB'[balls.index(small)]} of {small.diameter:g} m is too small for its site in {name}"
-    why = f"The others, of {large.diameter:g} m, touch each other before they touch it: the ratio of the diameters is"
-    why += f" {small.diameter / large.diameter:.4g}, and must be {least / large.diameter:.4g} or more"
-    raise InputError(message(which, why, f"Give it a diameter of {least:.6g} m or more"))
-
-
-def _find_structure(name: str | Lattice) -> Lattice:
-    """Return the lattice of a name, that of NaCl, CsCl and zincblende among them."""
-    key = name.lower() if isinstance(name, str) else ""
-    edge = {"nacl": 2.0, "cscl": 2.0 / math.sqrt(3.0)}.get(key)
-    if edge is not None:
-        steps = LATTICES["fcc"].vectors / np.max(LATTICES["fcc"].vectors) * 0.5 if key == "nacl" else np.eye(3)
-        cell = tuple(map(tuple, (edge * steps).tolist()))
-        return Lattice({"nacl": "NaCl", "cscl": "CsCl"}[key], cell, ((0.0, 0.0, 0.0), (0.5, 0.5, 0.5)))
-    if key == "zincblende":
-        return Lattice("zincblende", LATTICES["diamond"].cell, LATTICES["diamond"].sites)
-    if isinstance(name, Lattice) or (isinstance(name, str) and name in LATTICES):
-        return find_lattice(name)
-    mend = "Use " + ", ".join([*LATTICES, *STRUCTURES]) + ", or a granphon.Lattice"
-    raise InputError(message(f"unknown lattice {brief(name)}", mend=mend))

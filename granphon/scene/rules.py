@@ -20,6 +20,7 @@ import numpy as np
 from granphon.balls.ball import Ball
 from granphon.balls.contact_laws import DMT, JKR, Hertz, PowerLaw, TabulatedLaw
 from granphon.balls.diameters import Discrete, Measured, Normal, Uniform
+from granphon.balls.kinds import STRUCTURES
 from granphon.balls.lattices import LATTICES, TRIANGULAR, Lattice, as_direction, find_lattice
 from granphon.balls.layers import EDGES, read_axis
 from granphon.balls.material import Material, read_poisson_ratio
@@ -59,7 +60,6 @@ from granphon.base.validation import (
     zero_or_above,
 )
 from granphon.media.choice import MEDIA, MediumChoice, read_medium
-from granphon.media.crystal import STRUCTURES
 
 #: version number of the layout of a scene file, its key "schema"
 SCENE_SCHEMA = 1

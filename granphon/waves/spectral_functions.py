@@ -1,6 +1,6 @@
 """Spectral functions of finite networks: the frequencies of a plane wave in an array that is not perfect, and its line.
 
-A plane wave has a wave vector that the cell of the network has, and a polarisation; its vector is one of the operator.
+A plane wave has a wave vector that the cell of the network has, and a polarisation; its vector is one of the operator's.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ export class BandsView {
     this.overlay = document.createElementNS(SVG, "svg");
     this.overlay.setAttribute("aria-hidden", "true");
     this.overlay.classList.add("curves");
-    this.paths = Array.from({ length: SHADES }, () => this.overlay.appendChild(document.createElementNS(SVG, "path")));
+    this.paths = Array.from({ length: SHADES + 1 }, () => this.overlay.appendChild(document.createElementNS(SVG, "path")));
     this.mark = this.overlay.appendChild(document.createElementNS(SVG, "circle"));
     this.mark.setAttribute("r", "7");
     element.addEventListener("click", (event) => {
@@ -70,7 +70,7 @@ export class BandsView {
     const x = path.places.map((place) => ((place / path.length) * width).toFixed(1));
     const y = Array.from(bands.values, (value) => (height * (1 - (value * unit.scale) / this.axisTop)).toFixed(2));
     const starts = new Set(path.starts);
-    const curves = Array.from({ length: SHADES }, () => []);
+    const curves = Array.from({ length: SHADES + 1 }, () => []);
     for (let k = 0; k < n; k++) {
       let last = -1;
       for (let at = 1; at < path.points.length; at++) {
@@ -80,7 +80,8 @@ export class BandsView {
           last = -1;
           continue;
         }
-        const shade = Math.min(Math.floor(0.5 * (parts[from] + parts[to]) * SHADES), SHADES - 1);
+        const both = Math.max(parts[from], parts[to]) > 1.2; // one of both edges
+        const shade = both ? SHADES : Math.min(Math.floor(0.5 * (parts[from] + parts[to]) * SHADES), SHADES - 1);
         if (shade !== last) curves[shade].push(`M${x[at - 1]},${y[from]}`);
         curves[shade].push(`L${x[at]},${y[to]}`);
         last = shade;
@@ -88,7 +89,7 @@ export class BandsView {
     }
     curves.forEach((curve, shade) => {
       this.paths[shade].setAttribute("d", curve.join(""));
-      this.paths[shade].setAttribute("stroke", partColour(shade / (SHADES - 1), byEdge ? "line" : "mix"));
+      this.paths[shade].setAttribute("stroke", shade < SHADES ? partColour(shade / (SHADES - 1), byEdge ? "line" : "mix") : themeColour("ink"));
     });
     const level = y[selected.point * n + selected.branch];
     this.mark.setAttribute("visibility", level === undefined || level === "NaN" ? "hidden" : "visible");

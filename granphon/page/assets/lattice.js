@@ -64,7 +64,8 @@ export function rotationalPart(lattice, modes, branch) {
 }
 
 // Kinetic energy of each mode at the upper edge of a cut less that at the lower one, -1 to 1. Modes whose frequencies differ by
-// less than a ten-thousandth of the highest are those that are most at one edge.
+// less than a ten-thousandth of the highest are those that are most at one edge. In a narrow ribbon waves of the two edges feel
+// each other: 2 stands for a mode that has more than four fifths of its energy at both.
 export function edgeParts(lattice, modes) {
   const { sides, masses, gyration } = lattice.data;
   const n = lattice.branches;
@@ -90,6 +91,11 @@ export function edgeParts(lattice, modes) {
       }
     }
     found.set(hermitianEigen(matrix).values, first);
+    for (let k = first; k < end; k++) {
+      const outer = sides.reduce((sum, side, ball) => sum + (side ? motions[k][ball].reduce((all, [re, im], axis) =>
+        all + side * weight(ball, axis) * (re * re + im * im), 0) : 0), 0);
+      if (outer > 0.8 && Math.abs(found[k]) < 0.6) found[k] = 2;
+    }
     first = end;
   }
   return found;

@@ -194,7 +194,7 @@ function showControls(lattice) {
     }
     const byEdge = Boolean(data.lattice.sides && state.edges);
     const [low, scale, high] = byId("legend").children;
-    [low.textContent, high.textContent] = byEdge ? ["lower edge", "upper edge"] : ["displacement", "rotation"];
+    [low.textContent, high.textContent] = byEdge ? ["lower edge", "upper edge, dark: both"] : ["displacement", "rotation"];
     scale.classList.toggle("edges", byEdge);
     byId("legend").hidden = !lattice.rotations.length && !byEdge;
     byId("velocities").hidden = true;
