@@ -16,7 +16,7 @@ from matplotlib.ticker import FixedLocator, LogLocator, MaxNLocator, NullFormatt
 _ORDER = (
     "steel_bands", "friction", "dos", "modes_K_M", "rolling_wave", "iso_frequency", "pulse_dispersion", "poisson_ratio",
     "granular_chain", "diatomic_chain", "defect_mode", "column", "pressed_along_one_axis", "membrane", "fcc_and_hcp",
-    "slowness_fcc", "rolling_modes", "zigzag_edge", "surface_waves_fcc", "transmission",
+    "slowness_fcc", "rolling_modes", "zigzag_edge", "surface_waves_fcc", "transfer_function", "transmission",
     "pressure_sweep", "ladder", "work_precision", "force_chains", "conjecture",
     "true_directions", "hysteresis", "disorder_in_space", "fit_width", "several_runs", "spectral_function", "soft_modes",
     "coherent_speckle", "wave_crossing", "hexagon_pulse", "solitary_wave", "impact_on_hexagon",

@@ -28,6 +28,7 @@ from .base.errors import GranphonError as GranphonError
 from .base.scales import Units as Units
 from .dynamics.contact_lattice import ContactLattice as ContactLattice
 from .dynamics.contact_lattice import Modes as Modes
+from .dynamics.damping import DampedModes as DampedModes
 from .dynamics.local_field import LocalField as LocalField
 from .figures.plot import plot as plot
 from .fits.fit import WidthFit as WidthFit
@@ -73,6 +74,7 @@ from .scene.scene import Scene as Scene
 from .tradeoffs.measure import MeasuredPoint as MeasuredPoint
 from .tradeoffs.measure import TradeOff as TradeOff
 from .tradeoffs.measure import tradeoff as tradeoff
+from .waves.dos import LocalDensity as LocalDensity
 from .waves.dos import SpectralDensity as SpectralDensity
 from .waves.modes import NetworkModes as NetworkModes
 from .waves.nonlinear import Drive as Drive
@@ -81,6 +83,7 @@ from .waves.nonlinear import NonlinearWaves as NonlinearWaves
 from .waves.nonlinear import amplitude_shift as amplitude_shift
 from .waves.path_spectra import PathSpectra as PathSpectra
 from .waves.pulses import Pulse as Pulse
+from .waves.response import Response as Response
 from .waves.spectral_functions import SpectralFunction as SpectralFunction
 from .waves.transmission import ScatteringLengths as ScatteringLengths
 from .waves.transmission import Transmission as Transmission

@@ -78,8 +78,8 @@ def _find_places(shape: Any, shifts: Any, ends: Any, count: int) -> tuple[Indice
     return slots.ravel(), (place % size).astype(np.int32), starts
 
 
-def factorise(matrix: Any, approximate: bool = False, pivot: float = 0.0) -> Any:
-    """Return the LU factors of a symmetric matrix, positive definite if ``pivot`` is zero.
+def factorise(matrix: Any, approximate: bool = False, pivot: float = 0.0, order: Any = "MMD_AT_PLUS_A") -> Any:
+    """Return the LU factors of a symmetric matrix, positive definite if ``pivot`` is zero; ``order`` is that of columns.
 
     ``approximate`` ones are in single precision, half as large, for preconditioners. ``pivot`` is the part of the largest
     entry of a column from which that on the diagonal is taken. Raises RuntimeError if the matrix is singular.
@@ -88,7 +88,7 @@ def factorise(matrix: Any, approximate: bool = False, pivot: float = 0.0) -> Any
 
     options: dict[str, Any] = {"SymmetricMode": True}
     if not approximate:
-        return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=pivot, options=options)
+        return splu(matrix.tocsc(), permc_spec=order, diag_pivot_thresh=pivot, options=options)
     # larger supernodes would fill a matrix of so few entries with zeros
     options["Equil"] = False
     single = matrix.tocsc().astype(np.float32)

@@ -453,6 +453,16 @@ class Compatibility:
             matrix = matrix - across.conj().swapaxes(1, 2) @ (signs * across)
         return np.asarray(matrix)
 
+    def damped_matrices(self, wavevectors: ArrayLike, times: Array, losses: Array) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Return D(q) with complex stiffnesses, and that of dashpots, (n_q, n_branches, n_branches), in a common frame.
+
+        ``times``, in (M/k)^1/2, and ``losses`` are (2, n_c), see :class:`granphon.dynamics.damping.ContactDamping`.
+        """
+        rows = self.compatibility(wavevectors)
+        of_rows = [[one[int(row.kind != "elongation")] for row in self.rows] for one in (times, losses)]
+        viscous, lost = (rows.conj().swapaxes(1, 2) @ (np.ravel(one)[:, None] * rows) for one in of_rows)
+        return self._compute_frame_matrix(wavevectors) + 1j * lost, viscous
+
     @cached_property
     def _to_balls(self) -> NDArray[np.complex128]:
         """(n_branches, n_branches) transformation from the frame, with rotations divided by i, to each ball's motions."""

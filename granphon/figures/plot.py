@@ -31,6 +31,7 @@ _PICTURES: dict[str, tuple[str, str, str, float]] = {
     "granphon.Transmission": ("transmission", "plot_transmission", "result", 2.3),
     "granphon.ComplexBands": ("transmission", "complex_bands_figure", "bands", 0.0),
     "granphon.Motion": ("motions", "plot_motion", "motion", 2.8),
+    "granphon.Response": ("responses", "response_figure", "response", 0.0),
     "granphon.Pulse": ("waves", "pulse_figure", "pulse", 0.0),
     "granphon.NetworkModes": ("modes", "plot_network_mode", "modes", 3.4),
     "granphon.ContactNetwork": ("forces", "plot_forces", "sample", 0.0),
@@ -42,8 +43,8 @@ _FEW_BALLS, _CELLS = 8, (8, 4, 2)
 #: what these are called in messages
 _WORDS = (
     "bands (complex ones too), a transmission, a density of states, a sweep, a fit, a trade-off, spectra (of an edge too), a"
-    " pulse, a motion, modes, a state, a sample, a network, or the result of a run of a scene with bands, a density of"
-    " states or a sweep"
+    " pulse, a response, a motion, modes, a state, a sample, a network, or the result of a run of a scene with bands, a"
+    " density of states or a sweep"
 )
 
 
@@ -51,10 +52,10 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
     """Draw the default picture of a result, or one picture of several, and return the figure, which a notebook shows.
 
     ``result`` is bands, complex bands, a transmission, a density of states (of a lattice or of a sample), a sweep, a fit, a
-    trade-off, spectra along a path or at single wave vectors, a pulse, a motion, modes of a network (``mode``: which of
-    them), a state at one load, a sample, a network of contacts, or the result of the run of a scene, of which bands, density
-    of states or sweep are drawn. Of a state whose contacts follow from a law the picture is that of some cells of its
-    network. ``options`` are those of the function of :mod:`granphon.figures` that draws it, such as ``asymptotes`` of
+    trade-off, spectra along a path or at single wave vectors, a pulse, a response, a motion, modes of a network (``mode``:
+    which of them), a state at one load, a sample, a network of contacts, or the result of a scene's run, of which bands,
+    density of states or sweep are drawn. Of a state whose contacts follow from a law the picture is that of some cells of
+    its network. ``options`` are those of the function of :mod:`granphon.figures` that draws it, such as ``asymptotes`` of
     ``bands_figure`` and ``variable`` of ``sweep_figure``. Functions that draw on an Axes of yours are in the same modules.
 
     A list of results, or a mapping that names them, is one picture: sweeps, fits and results of scenes over the load, with

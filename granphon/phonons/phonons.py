@@ -24,6 +24,7 @@ from granphon.base.text import counted
 from granphon.base.validation import grid_numbers, positive, real_array, whole_number
 from granphon.dynamics.compatibility import MOST_BYTES
 from granphon.dynamics.contact_lattice import ContactLattice
+from granphon.dynamics.damping import ContactDamping, DampedModes, damp_evenly, damp_unevenly
 from granphon.media.state import State, as_state, given_state
 from granphon.networks.network import given_network
 from granphon.observables.validity import find_warnings
@@ -227,6 +228,36 @@ class Phonons:
         """
         q = self.lattice.wavevectors(_check_qpoints(qpoints, self._periods))
         return self.lattice.frequencies(q) * self.scales.frequency
+
+    def damped(self, qpoints: ArrayLike, damping: Any = 0.0, loss_factor: Any = 0.0) -> DampedModes:
+        """Return complex frequencies (n_q, n_branches), Hz, at ``qpoints``, with contacts that lose energy; and Q factors.
+
+        Parameters
+        ----------
+        qpoints : (n_q, p) or (n_q, 3) fractions of the reciprocal cell.
+        damping : viscosity of normal motion, N s/m, a number or one for each contact of the network of the state; or a tuple
+            of that and that of slip; see :meth:`gp.Waves.response`.
+        loss_factor : eta of the complex stiffness k (1 + i eta), a number or one for each contact, or a tuple of two.
+
+        Raises :class:`~granphon.base.errors.InputError` for a damping below zero, and for another cell than that of the
+        state; :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
+        """
+        points, network, top = (
+            _check_qpoints(qpoints, self._periods),
+            given_network(self.state),
+            self.scales.angular_frequency,
+        )
+        kept = network.moving[network.i] | network.moving[network.j]
+        if np.count_nonzero(kept) != len(self.lattice.contacts):
+            raise InputError(message("the Atoms are another cell than that of the state", mend="Leave atoms out"))
+        q, found = self.lattice.wavevectors(points), ContactDamping.of(network, damping, loss_factor)
+        undamped, even = self.lattice.frequencies(q), found.find_even(network)
+        if even is not None:
+            omega = damp_evenly(undamped, even[0], even[1] * top)
+        else:
+            matrices = self.lattice.damped_matrices(q, found.times[:, kept] * top, found.losses[:, kept])
+            omega, _ = damp_unevenly(*matrices)
+        return DampedModes(omega * self.scales.frequency, None, points)
 
     def modes(self, qpoints: ArrayLike, direction: ArrayLike | None = None) -> PhononModes:
         """Return frequencies (Hz), eigenvectors, group velocities (m/s) and polarisations at ``qpoints``.

@@ -1,17 +1,20 @@
-"""Densities of states of finite networks: of small ones by their modes, of others by random vectors."""
+"""Densities of states of finite networks: of small ones by their modes, of others by random vectors; of single balls."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.sample import standard_error
 from granphon.balls.diameters import uniform_numbers
-from granphon.base.validation import whole_number
+from granphon.base.errors import InputError, message
+from granphon.base.results import Result
+from granphon.base.validation import finite_array, whole_number
 from granphon.observables.validity import check_network
 from granphon.waves.chebyshev import Kernel, Moments, Refinable, keeps_vectors
 from granphon.waves.operator import WaveOperator
@@ -21,6 +24,59 @@ Array = NDArray[np.float64]
 MOST_MOMENTS = 2**26
 #: most numbers of moments of modes that are worked out together
 _BLOCK = 2**22
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LocalDensity(Result):
+    """Local density of states of a ball, by its motions; ``np.asarray`` of it is ``values``.
+
+    That of a motion is the sum over all modes of their kinetic energy in it, each line broadened by the Jackson kernel.
+
+    Attributes
+    ----------
+    frequencies : (n_f,) Hz.
+    values : (n_f, motions) 1/Hz; the integral of each over all frequencies is 1.
+    letters : names of the motions.
+    ball : index of the ball.
+    resolution : standard deviation of the kernel at frequency zero, Hz; above it is finer.
+    moments : number of Chebyshev moments.
+    """
+
+    units = {"frequencies": "Hz", "values": "1/Hz", "resolution": "Hz"}
+    _shapes = {"frequencies": "f", "values": "f m"}
+
+    frequencies: Array
+    values: Array
+    letters: tuple[str, ...]
+    ball: int
+    resolution: float
+    moments: int
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.array(self.values, dtype)
+
+
+def find_local_density(
+    operator: WaveOperator, ball: int, frequencies: ArrayLike, resolution: float | None, moments: int | None
+) -> LocalDensity:
+    """Return the local density of states of a ball; see :meth:`granphon.waves.waves.Waves.local_dos`."""
+    network, kernel = operator.network, Kernel.of(operator.top / (2.0 * math.pi), resolution, moments)
+    hertz = np.atleast_1d(finite_array("frequencies", frequencies, "Hz", "zero or above"))
+    if hertz.ndim != 1:
+        raise InputError(message(f"the frequencies have the shape {hertz.shape}", mend="Give a list"))
+    ball = whole_number("ball", ball, 0, network.n_balls - 1)
+    if not network.moving[ball]:
+        raise InputError(message(f"ball {ball} does not move", "Its mass is infinite", "Give another ball"))
+    starts = np.zeros((operator.motions.count, operator.balls.size, operator.motions.count))
+    starts[:, np.searchsorted(operator.balls, ball)] = np.eye(operator.motions.count)
+    found = [Moments(operator, partial(operator.vector, one), keep=False).first(kernel.moments) for one in starts]
+    inside = hertz < kernel.top
+    angle = np.arccos(hertz[inside] / kernel.top)
+    series = kernel.weights * np.array(found) * np.where(np.arange(kernel.moments), 2.0, 1.0)
+    values = np.zeros((hertz.size, len(found)))
+    values[inside] = np.polynomial.chebyshev.chebval(np.cos(2.0 * angle), series.T).T
+    values[inside] *= (2.0 / (math.pi * kernel.top * np.sin(angle)))[:, None]
+    return LocalDensity(hertz, values, operator.motions.letters, ball, kernel.resolution, kernel.moments)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -30,6 +30,7 @@ from granphon.base.errors import ConvergenceError, InputError, InstabilityError,
 from granphon.base.results import Result
 from granphon.base.text import counted
 from granphon.base.validation import not_negative, whole_number
+from granphon.dynamics.damping import ContactDamping, DampedModes, damp_evenly, damp_unevenly
 from granphon.networks.network import ContactNetwork
 from granphon.observables.validity import check_network
 from granphon.waves.chebyshev import Kernel, Moments, polynomials
@@ -88,7 +89,7 @@ _COLUMNS = 32
 #: most motions of a matrix that is dense because many modes are wanted, or many cost no energy: 2 GB
 _LARGEST = 10_000
 #: most motions of a matrix that is factorised, for balls on a line, in a plane, in space: the factors take 1 GB at most
-_FACTORED = {1: 1_000_000, 2: 300_000, 3: 12_000}
+LARGEST_FACTORS = {1: 1_000_000, 2: 300_000, 3: 12_000}
 #: largest share of all modes that are found without all of them
 _SHARE = 3
 #: shift of the factors for the lowest modes, over top^2
@@ -98,6 +99,8 @@ _SHIFT = 1e-6
 _KRYLOV, _SEEN = 400, 1e-5
 #: frequency over the top, up to which a mode that grows counts as one at rest: forces of programs balance to 1e-6 or so
 _BALANCED = 1e-5
+#: part of the largest entry of a column from which a pivot of a damped matrix is taken on the diagonal
+PIVOT = 0.1
 #: more vectors than are asked for
 _SPARE = 8
 
@@ -513,7 +516,7 @@ def find_modes(operator: WaveOperator, count: int, nearest: float | None) -> Net
         raise make_too_few(size, count)
     if size <= DENSE or count * _SHARE > size:
         pairs = _find_dense(problem, count, target)
-    elif size <= _FACTORED[operator.network.dimension]:
+    elif size <= LARGEST_FACTORS[operator.network.dimension]:
         pairs = _find_factored(problem, count, target)
     else:
         pairs = find_filtered(problem, count, target) or _find_dense(problem, count, target)
@@ -533,6 +536,63 @@ def find_modes(operator: WaveOperator, count: int, nearest: float | None) -> Net
     )
 
 
+def find_damped(
+    operator: WaveOperator, count: int, nearest: float | None, damping: Any = 0.0, loss_factor: Any = 0.0
+) -> DampedModes:
+    """Return damped modes of a network that is stable; see :meth:`granphon.waves.waves.Waves.damped_modes`."""
+    network, motions, damped = operator.network, operator.motions, ContactDamping.of(operator.network, damping, loss_factor)
+    even = damped.find_even(network)
+    if even is not None:
+        modes = find_modes(operator, count, nearest)
+        omega = damp_evenly(2.0 * math.pi * modes.frequencies, *even)
+        return DampedModes(omega / (2.0 * math.pi), modes.vectors.astype(complex))
+    count = whole_number("count", count, 1)
+    target = 0.0 if nearest is None else 2.0 * math.pi * not_negative("nearest", nearest, "Hz")
+    n, top, matrix = operator.size, operator.top, operator.matrix
+    lost, viscous = (operator.weigh(one) for one in (damped.losses, damped.times))
+    if 2 * n <= DENSE:  # the size of the matrix of first order
+        omega, vectors = damp_unevenly((matrix + 1j * lost).toarray(), viscous.toarray())
+    elif n <= LARGEST_FACTORS[network.dimension]:
+        omega, vectors = _follow_damped((matrix + 1j * lost) / top**2, viscous / top, 2 * count + _SPARE, target / top)
+        omega = omega * top
+    else:
+        mend = "Damp all contacts alike, or take a smaller network"
+        raise InputError(message(f"{n:,} motions that are damped unevenly are too many", mend=mend))
+    cost = np.flatnonzero((omega.real > ZERO * top) | (omega.imag > ZERO * top) & (omega.real > -ZERO * top))
+    chosen = cost[np.argsort(np.abs(omega[cost].real - target), kind="stable")[:count]]
+    if chosen.size < count:
+        raise make_too_few(chosen.size, count)
+    chosen = chosen[np.argsort(omega[chosen].real, kind="stable")]
+    whole = np.zeros((count, network.n_balls, motions.count), complex)
+    whole[:, operator.balls] = np.moveaxis(operator.values(vectors[:, chosen]), -1, 0)
+    return DampedModes(omega[chosen] / (2.0 * math.pi), whole)
+
+
+def _follow_damped(stiffness: Any, viscous: Any, wanted: int, target: float) -> tuple[Any, Any]:
+    """Return omega (m,) nearest to ``target`` of x'' + G x' + D x = 0, and vectors (size, m), by Arnoldi at a shift.
+
+    With y = x', ((0, 1), (-D, -G)) - s is solved by the factors of D + s G + s^2.
+    """
+    from scipy.sparse import eye_array
+    from scipy.sparse.linalg import LinearOperator, eigs
+
+    n, shift = stiffness.shape[0], math.sqrt(_SHIFT) + 1j * target
+    unit: Any = eye_array(n)
+    factors = factorise((stiffness + shift * viscous + shift**2 * unit).astype(complex), pivot=PIVOT)
+
+    def apply(z: Any) -> Any:
+        return np.concatenate([z[n:], -(stiffness @ z[:n]) - viscous @ z[n:]])
+
+    def solve(z: Any) -> Any:
+        x = -factors.solve(z[n:] + viscous @ z[:n] + shift * z[:n])
+        return np.concatenate([x, z[:n] + shift * x])
+
+    whole, inverse = (LinearOperator((2 * n, 2 * n), matvec=one, dtype=complex) for one in (apply, solve))
+    start = np.random.default_rng(0).normal(size=2 * n).astype(complex)
+    rates, vectors = eigs(whole, k=min(wanted, n), sigma=shift, OPinv=inverse, v0=start)
+    return -1j * rates, vectors[:n] / np.linalg.norm(vectors[:n], axis=0)
+
+
 def require_stable(operator: WaveOperator) -> None:
     """Raise :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
 
@@ -543,7 +603,7 @@ def require_stable(operator: WaveOperator) -> None:
     if not operator.network.prestress:
         return
     whole, least = operator.whole, -((ZERO * operator.top) ** 2)
-    if operator.size <= _FACTORED[operator.network.dimension]:
+    if operator.size <= LARGEST_FACTORS[operator.network.dimension]:
         problem, low = Problem(operator, np.arange(operator.size)), least
         stable = problem.count_below(low) == 0
         if whole is not None and not stable:

@@ -246,7 +246,7 @@ class _System:
     """The equations of motion of a network with drives."""
 
     def __init__(self, waves: NonlinearWaves, drives: Sequence[Drive]) -> None:
-        from granphon.waves.pulses import _read_vector as read_vector
+        from granphon.waves.pulses import read_vector as read_vector
 
         network, self.drives = waves.network, drives
         self.moved: list[tuple[Index, Array]] = []

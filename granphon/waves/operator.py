@@ -138,22 +138,55 @@ class WaveOperator(LinearOperator[np.float64]):
     @cached_property
     def root(self) -> csr_array[Any]:
         """A = K^1/2 C M^-1/2, (rows, size), rad/s."""
-        return self._make_matrix(self.rows, [np.sqrt(row.stiffness) for row in self.rows])
+        return self._make_matrix(self.rows, self._roots)
+
+    @property
+    def _roots(self) -> list[Array]:
+        return [np.sqrt(row.stiffness) for row in self.rows]
 
     @cached_property
     def matrix(self) -> csr_array[Any]:
         """D, (size, size), (rad/s)^2."""
         found: csr_array[Any] = (self.root.T.tocsr() @ self.root).tocsr()
-        network = self.network
-        rows = push_rows(network.normal[:, : network.dimension], self.motions) if network.prestress else []
-        if rows:  # balls that move along a line alone make none
-            pushed = np.sqrt(network.normal_force / network.distance)
-            across = self._make_matrix(rows, [pushed] * len(rows))
+        if self._pushed is not None:
+            across = self._make_matrix(*self._pushed)
             found = (found - across.T.tocsr() @ across).tocsr()
         if self._carried is None:
             return found
         held: csr_array[Any] = (found + 0.5 * (self._carried + self._carried.T)).tocsr()
         return held
+
+    def weigh(self, weights: Array) -> csr_array[Any]:
+        """Return A^T W A, (size, size), with ``weights`` (2, n_c) of elongation and of other deformations of contacts."""
+        weighed: csr_array[Any] = self.root.multiply(self._of_rows(weights)[:, None]).tocsr()
+        found: csr_array[Any] = (self.root.T.tocsr() @ weighed).tocsr()
+        return found
+
+    def pull(self, moved: Array, weights: Array | None = None) -> Array:
+        """Return the mass-weighted forces (size,), N/kg^1/2, on balls that move when bodies that do not are displaced.
+
+        ``moved`` (n, motions) are displacements, m. The forces are those of springs and of static forces; with ``weights``,
+        as for :meth:`weigh`, those of springs alone, each times its weight.
+        """
+
+        def deform(rows: list[Row], roots: list[Array]) -> Array:
+            i, j = moved[self.network.i], moved[self.network.j]
+            parts = [root * np.sum(row.head * j - row.tail * i, axis=1) for row, root in zip(rows, roots, strict=True)]
+            return np.concatenate(parts)
+
+        stretched = deform(self.rows, self._roots)
+        if weights is not None:
+            return np.asarray(-(self.root.T @ (self._of_rows(weights) * stretched)))
+        found = -(self.root.T @ stretched)
+        if self._pushed is not None:
+            found += self._make_matrix(*self._pushed).T @ deform(*self._pushed)
+        for one, other in (self._pairs, self._pairs[::-1]) if self._pairs else ():
+            found -= 0.5 * (self._make_matrix(*one).T @ deform(*other))
+        return np.asarray(found)
+
+    def _of_rows(self, weights: Array) -> Array:
+        """Return weights (2, n_c) of elongation, and of other deformations, as those of the rows."""
+        return np.concatenate([weights[int(row.kind != "elongation")] for row in self.rows])
 
     def compose(self, rows: list[Row], phase: Any = 1.0) -> csr_array[Any]:
         """Return C M^-1/2, (kinds x n_c, size): deformations from mass-weighted motions, as for :meth:`matrix_of_wave`."""
@@ -176,18 +209,32 @@ class WaveOperator(LinearOperator[np.float64]):
         return found
 
     @cached_property
-    def _carried(self) -> csr_array[Any] | None:
-        """G, (size, size), (rad/s)^2, of static tangential forces; None if none act."""
+    def _pushed(self) -> tuple[list[Row], list[Array]] | None:
+        """Displacements across contacts, and (f/r)^1/2, which multiply each other; None without prestress."""
+        network = self.network
+        rows = push_rows(network.normal[:, : network.dimension], self.motions) if network.prestress else []
+        # balls that move along a line alone make none
+        return (rows, [np.sqrt(network.normal_force / network.distance)] * len(rows)) if rows else None
+
+    @cached_property
+    def _pairs(self) -> tuple[tuple[list[Row], list[Array]], ...]:
+        """The two sets of rows of which static tangential forces make G; none if no such forces act."""
         network, of_ball = self.network, self._gyration
         force = network.tangential_force
         if not network.prestress or force is None or not np.any(force):
-            return None
+            return ()
         pairs = carry_rows(
             network.normal, force, network.distance, network.arm_i, network.arm_j, self.motions, of_ball[network.i],
             of_ball[network.j],
         )  # fmt: skip
-        unit = [np.ones(network.n_contacts)] * len(pairs)
-        pull, move = (self._make_matrix(list(rows), unit) for rows in zip(*pairs, strict=True))
+        return tuple((list(rows), [np.ones(network.n_contacts)] * len(pairs)) for rows in zip(*pairs, strict=True))
+
+    @cached_property
+    def _carried(self) -> csr_array[Any] | None:
+        """G, (size, size), (rad/s)^2, of static tangential forces; None if none act."""
+        if not self._pairs:
+            return None
+        pull, move = (self._make_matrix(*one) for one in self._pairs)
         found: csr_array[Any] = (pull.T.tocsr() @ move).tocsr()
         return found
 

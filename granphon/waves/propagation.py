@@ -261,10 +261,7 @@ class ViscousPropagation:
 
     def __init__(self, operator: WaveOperator, push: Array, burst: ToneBurst, damping: tuple[float, float]) -> None:
         self.operator, self.burst = operator, burst
-        times = [damping[row.kind != "elongation"] for row in operator.rows]
-        root = operator.root
-        lag = np.repeat(times, root.shape[0] // len(times))
-        self._viscous = (root.T.tocsr() @ root.multiply(lag[:, None]).tocsr()).tocsr()
+        self._viscous = operator.weigh(np.multiply.outer(damping, np.ones(operator.network.n_contacts)))
         self._shift = float(0.5 * max(damping) * operator.top**2)
         amplitudes, self._omegas = burst.waves
         self._radius = max(operator.top, float(np.max(self._omegas)))

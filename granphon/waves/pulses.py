@@ -706,31 +706,8 @@ class Route:
             raise InputError(message(f"cycles is {burst.cycles:g}", mend="Give 1 or more"))
         if wanted.ends not in ENDS:
             raise InputError(message(f"ends is {brief(wanted.ends)}", mend=f"Use {', '.join(ENDS)}"))
-        along = _read_vector("direction", wanted.direction, network.dimension)
-        # the unit vector along which the source pushes
-        axes, given = list(network.ball_motions.translations), wanted.polarisation
-        if not isinstance(given, str):
-            push = _read_vector("polarisation", given, network.dimension)
-        elif given == "longitudinal":
-            push = along
-        elif given == "out_of_plane":
-            push = np.array([0.0, 0.0, 1.0])
-        elif given == "transverse":
-            # within the plane of the balls; in space the axis farthest from the direction, made perpendicular to it
-            among = [axis for axis in ((0, 1) if network.dimension < 3 else (0, 1, 2)) if axis in axes]
-            if len(among) < 2:
-                what = f"the motions {network.motions!r} have no transverse waves in this direction"
-                raise InputError(message(what, mend="Name another polarisation, or give a vector"))
-            axis = among[int(np.argmin(np.round(np.abs(along[among]), 9)))]
-            push = np.eye(3)[axis] - along[axis] * along
-            push = push / np.linalg.norm(push)
-        else:
-            known = "longitudinal, transverse, out_of_plane, or a vector"
-            raise InputError(message(f"polarisation is {brief(given)}", mend=f"Use {known}"))
-        if abs(np.linalg.norm(push[axes]) - 1.0) > 1e-9:
-            shown = ", ".join(f"{one:.6g}" for one in push)
-            moves = " and ".join("xyz"[axis] for axis in axes)
-            raise InputError(message(f"balls are pushed along ({shown}), and they move along {moves} only"))
+        along = read_vector("direction", wanted.direction, network.dimension)
+        push = read_push(network, along, wanted.polarisation)
         apart = _read_list("planes", wanted.planes, "m", "above zero")
         frames = _read_list("frames", wanted.frames, "s", "zero or above")
         farthest = max([length, *apart.tolist()])
@@ -748,11 +725,7 @@ class Route:
             plane = course.find_plane(float(np.min(course.places[moving])), "source")
             sources = plane if source == "plane" else plane[:1]
         else:
-            balls, count = finite_array("source", source).ravel(), course.network.n_balls
-            whole = np.all((balls == np.rint(balls)) & (balls >= 0) & (balls < count))
-            if not whole or len(set(balls)) < balls.size:
-                raise InputError(message(f"source is {brief(source)}", f"Balls have the indices 0 to {count - 1}"))
-            sources = balls.astype(int)
+            sources = read_balls("source", source, course.network)
             if still := [int(one) for one in sources if not moving[one]]:
                 raise InputError(message(f"ball {still[0]} of the source does not move", "Its mass is infinite"))
         at_face = isinstance(source, str) and source == "plane" and not math.isnan(course.face)
@@ -768,7 +741,7 @@ class Route:
             why, mend = f"The balls fall into {np.max(part) + 1} parts", "Use a higher load, or one of network.pieces()"
             raise InputError(message(what, why, mend))
         # the velocities of long waves if balls moved in proportion, than which those of the network are not faster
-        net = course.network
+        net, axes = course.network, list(network.ball_motions.translations)
         way, n = (net.vector @ along) ** 2, net.normal[:, axes]
         tensor = np.einsum("c,ci,cj->ij", (net.normal_stiffness - net.shear_stiffness) * way, n, n)
         tensor += np.eye(len(axes)) * float(np.sum(net.shear_stiffness * way))
@@ -892,7 +865,7 @@ def _read_list(name: str, given: ArrayLike, unit: str, span: str) -> Array:
     return finite_array(name, given, unit, span).ravel() if real_array(name, given).size else np.zeros(0)
 
 
-def _read_vector(name: str, given: Any, dimension: int) -> Array:
+def read_vector(name: str, given: Any, dimension: int) -> Array:
     """Return a unit vector (3,) of one of 1 to 3 numbers; those that are left out are zero."""
     vector = finite_array(name, given)
     vector = np.atleast_1d(vector)
@@ -900,6 +873,43 @@ def _read_vector(name: str, given: Any, dimension: int) -> Array:
         raise InputError(message(f"{name} is {brief(given)}", f"It is a vector of {dimension} numbers, not all zero"))
     vector = np.pad(vector, (0, 3 - vector.size)) / np.max(np.abs(vector))
     return np.asarray(vector / np.linalg.norm(vector))
+
+
+def read_balls(name: str, given: Any, network: ContactNetwork) -> Index:
+    """Return the indices (n,) of some balls, each once; raises InputError for others than there are."""
+    balls, count = finite_array(name, given).ravel(), network.n_balls
+    whole = np.all((balls == np.rint(balls)) & (balls >= 0) & (balls < count))
+    if not whole or len(set(balls)) < balls.size:
+        raise InputError(message(f"{name} is {brief(given)}", f"Balls have the indices 0 to {count - 1}"))
+    return balls.astype(int)
+
+
+def read_push(network: ContactNetwork, along: Array, given: Any) -> Array:
+    """Return the unit vector (3,) along which a source pushes whose waves travel ``along``, from its polarisation."""
+    axes = list(network.ball_motions.translations)
+    if not isinstance(given, str):
+        push = read_vector("polarisation", given, network.dimension)
+    elif given == "longitudinal":
+        push = along
+    elif given == "out_of_plane":
+        push = np.array([0.0, 0.0, 1.0])
+    elif given == "transverse":
+        # within the plane of the balls; in space the axis farthest from the direction, made perpendicular to it
+        among = [axis for axis in ((0, 1) if network.dimension < 3 else (0, 1, 2)) if axis in axes]
+        if len(among) < 2:
+            what = f"the motions {network.motions!r} have no transverse waves in this direction"
+            raise InputError(message(what, mend="Name another polarisation, or give a vector"))
+        axis = among[int(np.argmin(np.round(np.abs(along[among]), 9)))]
+        push = np.eye(3)[axis] - along[axis] * along
+        push = push / np.linalg.norm(push)
+    else:
+        known = "longitudinal, transverse, out_of_plane, or a vector"
+        raise InputError(message(f"polarisation is {brief(given)}", mend=f"Use {known}"))
+    if abs(np.linalg.norm(push[axes]) - 1.0) > 1e-9:
+        shown = ", ".join(f"{one:.6g}" for one in push)
+        moves = " and ".join("xyz"[axis] for axis in axes)
+        raise InputError(message(f"balls are pushed along ({shown}), and they move along {moves} only"))
+    return push
 
 
 def _explain_unreachable(hertz: float, limit: str) -> UnreachableFrequencyError:

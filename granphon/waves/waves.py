@@ -15,13 +15,15 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.base.errors import InputError, message
 from granphon.base.text import counted
 from granphon.base.validation import whole_number
+from granphon.dynamics.damping import DampedModes
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.observables.validity import check_network
 from granphon.waves.chebyshev import Kernel
-from granphon.waves.dos import MOST_MOMENTS, AllModes, RandomVectors, SpectralDensity
-from granphon.waves.modes import DENSE, NetworkModes, find_modes, require_stable
+from granphon.waves.dos import MOST_MOMENTS, AllModes, LocalDensity, RandomVectors, SpectralDensity, find_local_density
+from granphon.waves.modes import DENSE, NetworkModes, find_damped, find_modes, require_stable
 from granphon.waves.operator import WaveOperator, make_operator
 from granphon.waves.pulses import Pulse, PulseSource, transmit
+from granphon.waves.response import Response, find_response
 from granphon.waves.spectral_functions import PlaneWaves, SpectralFunction, nearest_wavevectors
 
 Array = NDArray[np.float64]
@@ -121,6 +123,25 @@ class Waves:
         work = AllModes(operator, seed) if operator.size <= DENSE else RandomVectors(operator, seed, vectors)
         return work.find(kernel.moments, vectors)
 
+    def local_dos(
+        self, ball: int, frequencies: ArrayLike, resolution: float | None = None, *, moments: int | None = None
+    ) -> LocalDensity:
+        """Return the local density of states of a ball at given frequencies, 1/Hz, for each of its motions.
+
+        It is found from moments of the motions themselves, without random vectors, and has no error but that of the kernel.
+
+        Parameters
+        ----------
+        ball : its index.
+        frequencies : (n_f,) Hz.
+        resolution : standard deviation of the kernel at frequency zero, Hz; above it is finer.
+        moments : number of Chebyshev moments, in place of the resolution; 256 without either.
+
+        Raises :class:`~granphon.base.errors.InputError` for a ball that is not there or does not move, and for numbers out
+        of range; :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
+        """
+        return find_local_density(self._stable_operator, ball, frequencies, resolution, moments)
+
     def spectral_function(
         self, q: ArrayLike, polarisation: str | ArrayLike = "longitudinal", resolution: float | None = None, *,
         direction: ArrayLike | None = None, moments: int | None = None,
@@ -168,6 +189,66 @@ class Waves:
         frequency, or where a gap around ``nearest`` is wide.
         """
         return find_modes(self._stable_operator, count, nearest)
+
+    def response(
+        self, frequencies: ArrayLike, source: Any, receiver: Any, damping: Any = 0.0, loss_factor: Any = 0.0, *,
+        quantity: str = "displacement", direction: ArrayLike | None = None,
+        polarisation: str | ArrayLike = "longitudinal", distance: float | None = None, method: str | None = None,
+    ) -> Response:  # fmt: skip
+        """Return complex amplitudes of balls while others, or a wall, are driven at given frequencies.
+
+        Motions are u exp(i omega t). The network is left as it is, finite, periodic or cut. Frequencies of small networks
+        are solved one by one, those of large ones by a Krylov space for all of them where that is less work;
+        :attr:`Response.method` says which, and :attr:`Response.error` how well.
+
+        Parameters
+        ----------
+        frequencies : (n_f,) Hz, ascending.
+        source : (ball, direction), where ball is an index or several, and direction "x", "y", "z" or a vector (1,) to (3,);
+            "plane", the first plane of balls; or a list of these, which are driven together. A force of 1 N pushes each
+            ball. With ``quantity="transmissibility"`` the source is a body that does not move by itself, such as a wall, a
+            floor or a clamped ball, and is moved; "plane" is then the first of these.
+        receiver : likewise, one for each ball; "plane" is the last plane of balls, or that at the ``distance``.
+        damping : viscosity c of the dashpot beside the spring of each contact, N s/m. A number or an array (n_c,) is that of
+            normal motion; slip, twist and rolling have c over stiffness in common with it. A tuple (c_n, c_t) is that of
+            normal motion, and that of slip, with which twist and rolling have c over stiffness in common.
+        loss_factor : eta of the complex stiffness k (1 + i eta), a number or (n_c,), or a tuple of two, as the damping.
+        quantity : "displacement", of the balls over the force, m/N; "velocity", m/(N s); or "transmissibility", the
+            displacement of the balls over that of the source.
+        direction : (1,) to (3,) across the planes; by default the first axis along which the network does not repeat, or x.
+        polarisation : of "plane", along which it is driven and heard, as in :meth:`transmit`.
+        distance : m, of the receiving plane from the first.
+        method : "direct", factors at each frequency; "krylov", for contacts that are all damped alike; None for the faster.
+
+        Raises
+        ------
+        InputError : frequencies below zero, not real or not sorted; a ball that is not there or, but for a transmissibility,
+            one of the source that is held; no receiver; a damping below zero; a mode without damping at a frequency.
+        ConvergenceError : a network too large to be factorised, and damped too little, or unevenly.
+        InstabilityError : a squared frequency is below zero.
+        """
+        return find_response(
+            self._stable_operator, frequencies, source, receiver, damping, loss_factor, quantity=quantity,
+            direction=direction, polarisation=polarisation, distance=distance, method=method,
+        )  # fmt: skip
+
+    def damped_modes(
+        self, count: int = 10, nearest: float | None = None, damping: Any = 0.0, loss_factor: Any = 0.0
+    ) -> DampedModes:
+        """Return damped modes that cost energy, the lowest or those nearest to a frequency: complex frequencies, Q factors.
+
+        Parameters
+        ----------
+        count, nearest : number of modes, and the frequency, Hz, to which their real parts are nearest; None for the lowest.
+        damping, loss_factor : of the contacts, N s/m and a number, as for :meth:`response`.
+
+        Where all contacts are damped alike they are those of :meth:`modes`. Else all are found up to 300 motions of all
+        balls; larger networks are factorised once, up to 300,000 motions in the plane and 12,000 in space.
+
+        Raises :class:`~granphon.base.errors.InputError` for a damping below zero, for more modes than there are, and for a
+        larger network that is damped unevenly; and what :meth:`modes` raises.
+        """
+        return find_damped(self._stable_operator, count, nearest, damping, loss_factor)
 
     def nearest_wavevectors(self, q: ArrayLike) -> Array:
         """Return the wave vectors nearest to ``q`` (d,) or (n, d), 1/m, that the periodic cell has, in the same shape.

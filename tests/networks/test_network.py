@@ -127,7 +127,7 @@ def test_what_has_no_network_is_one_error():
     simulated = gp.DirectSimulation(
         gp.Packing(STEEL, 8e-3, gp.Uniform(2.04e-6)), shape=(6, 8), seed=3, geometry="lattice"
     ).at_force(2.0)
-    with pytest.raises(gp.GranphonError, match=r"of 1 simulated samples.* state.samples\[0\].network"):
+    with pytest.raises(gp.GranphonError, match=r"of 1 simulated sample,.* state.samples\[0\].network"):
         gp.Waves(simulated)
     with pytest.raises(gp.GranphonError, match="shape: found"):
         state.network.repeat((3, 3, 3))

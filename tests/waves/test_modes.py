@@ -41,7 +41,7 @@ def limits(monkeypatch):
 
     def set_limits(method=None, **constants):
         if method is not None:
-            constants |= {"DENSE": METHODS[method][0], "_FACTORED": dict.fromkeys((1, 2, 3), METHODS[method][1])}
+            constants |= {"DENSE": METHODS[method][0], "LARGEST_FACTORS": dict.fromkeys((1, 2, 3), METHODS[method][1])}
         for name, value in constants.items():
             monkeypatch.setattr(mode_finder, name, value)
         if method == "filtered":  # what is filtered is not found among all modes by the dense matrix after all

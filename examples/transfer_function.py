@@ -1,0 +1,51 @@
+r"""The transfer function of a chain
+================================
+
+A shaker moves the wall at which a chain of steel and aluminium balls ends, and a sensor listens at its free end. Below the
+gap of the chain each mode is a peak, and its phase falls by :math:`\pi`. In the gap little arrives, except where the light
+ball at the free end has a mode of its own; above it the light balls swing. Dashpots at the contacts damp the upper modes
+most.
+"""
+
+import sys
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+
+import granphon as gp
+from granphon.figures.responses import plot_response
+from granphon.figures.style import COLOURS, COLUMN_WIDTH, DPI, GUIDE, STYLE
+
+STEEL = gp.Ball(gp.Material(193e9, 0.30, 8000.0), 19.05e-3, mass=28.84e-3, name="steel")
+ALUMINIUM = gp.Ball(gp.Material(73.5e9, 0.33, 2700.0), 19.05e-3, mass=9.75e-3, name="aluminium")
+state = gp.Crystal.on("chain", [STEEL, ALUMINIUM]).at_force(20.0)
+chain = state.network.cut(0, 8, edges=("floor", "free"))
+waves, gap = gp.Waves(chain), gp.Phonons(state).gaps()[0]
+frequencies = np.linspace(20.0, 10e3, 1500)
+viscosities = (2.0, 20.0)
+responses = [waves.response(frequencies, "plane", "plane", damping, quantity="transmissibility") for damping in viscosities]
+
+# %%
+# At rest the chain moves with the wall. The mode of the free end is at :math:`\omega^2=k(1/M+1/m)`, halfway
+# between the squares of the edges of the gap.
+
+modes = waves.damped_modes(3, damping=viscosities[0])
+print("Q of the lowest modes:", np.round(modes.quality))
+inside = np.abs(frequencies - np.mean(gap)) < 1e3
+peak = frequencies[inside][np.argmax(responses[0].magnitude[inside, 0])]
+assert abs(peak - np.sqrt(np.mean(gap**2))) < 10.0
+assert np.allclose(waves.response([0.0], "plane", "plane", quantity="transmissibility"), 1.0)
+
+with matplotlib.rc_context(STYLE):
+    figure = Figure((1.4 * COLUMN_WIDTH, 3.8), dpi=DPI, layout="constrained")
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
+    for response, damping, colour in zip(responses, viscosities, COLOURS, strict=False):
+        plot_response(response, above, below)
+        for ax in (above, below):
+            ax.lines[-1].set(color=colour, label=f"{damping:g} N s/m")
+    for ax in (above, below):
+        ax.axvspan(*gap / 1e3, color=GUIDE, alpha=0.3, linewidth=0.0)
+    above.legend(title="damping", loc="lower left")
+if "-o" in sys.argv:
+    figure.savefig(sys.argv[-1])

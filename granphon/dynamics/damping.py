@@ -1,0 +1,174 @@
+"""Contacts that lose energy: dashpots beside their springs, and loss factors; damped modes.
+
+In a motion exp(i omega t) a contact resists a deformation e of stiffness k by the force (k (1 + i eta) + i omega c) e. c is
+the viscosity of its dashpot, and eta the loss factor of its material, which does not depend on the frequency (L. Cremer
+and M. Heckl, Structure-Borne Sound). With tau = c/k, the dynamical matrix of a network becomes
+
+    D(omega) = C^T K (1 + i eta + i omega tau) C + static forces.
+
+Where tau and eta are the same in all deformations of all contacts, and no static forces act, this is D times a number, and
+all motions follow from the undamped problem at complex omega^2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.base.errors import InputError, brief, message
+from granphon.base.results import Result
+from granphon.base.validation import finite_array
+from granphon.networks.network import ContactNetwork
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+#: relative difference of times, or loss factors, that are the same but for rounding
+_ALIKE = 1e-12
+#: part of the top frequency up to which a frequency, or its real part, is zero: the root of rounding, as zeros come in pairs
+_STILL = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class ContactDamping:
+    """The damping of all contacts of a network.
+
+    Attributes
+    ----------
+    times : (2, n_c) tau, s: of normal motion, and of slip, twist and rolling.
+    losses : (2, n_c) eta, likewise.
+    """
+
+    times: Array
+    losses: Array
+
+    @classmethod
+    def of(cls, network: ContactNetwork, damping: Any = 0.0, loss_factor: Any = 0.0) -> Self:
+        """Read the arguments of a public call.
+
+        Parameters
+        ----------
+        damping : viscosity c_n of normal motion, N s/m, a number or (n_c,), with which that of all other deformations is in
+            proportion to their stiffness; or the tuple (c_n, c_t) of it and that of slip, with which those of twist and
+            rolling are in that proportion. c_t acts where a contact resists slip.
+        loss_factor : eta, a number or (n_c,); or a tuple of that of normal motion, and of all other.
+
+        Raises :class:`~granphon.base.errors.InputError` for numbers below zero or not finite, for arrays of another length,
+        and for a viscosity of slip where no contact resists it.
+        """
+        slip = network.shear_stiffness
+        given = _read_pair("damping", damping, network.n_contacts, "N s/m")
+        times = given / network.normal_stiffness
+        if isinstance(damping, tuple):
+            if np.any(given[1]) and not np.any(slip):
+                what = "there is a damping of slip, and no contact resists slip"
+                raise InputError(message(what, mend="Use friction, or give the damping of normal motion alone"))
+            times[1] = np.divide(given[1], slip, out=np.zeros(len(slip)), where=slip > 0.0)
+        return cls(times, _read_pair("loss_factor", loss_factor, network.n_contacts, ""))
+
+    @property
+    def is_none(self) -> bool:
+        """Whether no energy is lost."""
+        return not (np.any(self.times) or np.any(self.losses))
+
+    def find_even(self, network: ContactNetwork) -> tuple[float, float] | None:
+        """Return (eta, tau) if all contacts have these in all deformations that they resist, without static forces."""
+        if self.is_none:
+            return 0.0, 0.0
+        resisted = np.stack([network.normal_stiffness > 0.0, network.shear_stiffness > 0.0])
+        resisted[1] |= (network.torsion_stiffness > 0.0) | (network.bending_stiffness > 0.0)
+        parts = [one[resisted] for one in (self.losses, self.times)]
+        if network.prestress or any(np.ptp(one) > _ALIKE * np.max(one) for one in parts):
+            return None
+        return float(parts[0][0]), float(parts[1][0])
+
+
+def _read_pair(name: str, given: Any, contacts: int, unit: str) -> Array:
+    """Return numbers (2, n_c), zero or above, from a number or (n_c,), or a tuple of two of these."""
+    pair = given if isinstance(given, tuple) else (given, given)
+    if len(pair) != 2:
+        raise InputError(message(f"{name} is {brief(given)}", mend="Give a number, or (normal, tangential)"))
+    found = np.empty((2, contacts))
+    for row, one in zip(found, pair, strict=True):
+        values = finite_array(name, one, unit, "zero or above")
+        if values.shape not in ((), (contacts,)):
+            what = f"{name} has the shape {values.shape}, and there are {contacts} contacts"
+            raise InputError(message(what, mend="Give a number, one for each contact, or a tuple (normal, tangential)"))
+        row[:] = values
+    return found
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DampedModes(Result):
+    """Modes that lose energy, u exp(2 pi i f t) with complex f; ``np.asarray`` of it is ``frequencies``.
+
+    Attributes
+    ----------
+    frequencies : (m,) complex Hz of a network, or (n_q, n_branches) of what repeats; ascending in their real part. A mode
+        decays as exp(-2 pi Im f t); one that creeps has a real part of zero, and its slower rate.
+    vectors : (m, n_balls, motions) complex, of norm one, weighted with masses; None of what repeats.
+    qpoints : (n_q, 3) wave vectors, fractions of the reciprocal cell; None of a network.
+    """
+
+    units = {"frequencies": "Hz"}
+    _shapes = {"frequencies": "q m|m", "vectors": "m n c?", "qpoints": "q 3?"}
+
+    frequencies: Complex
+    vectors: Complex | None = None
+    qpoints: Array | None = None
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.array(self.frequencies, dtype)
+
+    @property
+    def quality(self) -> Array:
+        """Q = Re f/(2 Im f), of the shape of the frequencies: infinite without loss, zero of a mode that creeps."""
+        real, lost = self.frequencies.real, 2.0 * self.frequencies.imag
+        return np.asarray(np.divide(real, lost, out=np.full(real.shape, np.inf), where=lost > 0.0))
+
+    @property
+    def decay(self) -> Array:
+        """2 pi Im f, 1/s, the rate at which the amplitude decays, of the shape of the frequencies."""
+        return np.asarray(2.0 * np.pi * self.frequencies.imag)
+
+
+def damp_evenly(omega: Array, loss_factor: float, time: float) -> Complex:
+    """Return complex omega of modes whose undamped one is ``omega``, with eta and tau the same in all contacts."""
+    squared, creep = omega**2 * (1.0 + 1j * loss_factor), 0.5 * time * omega**2
+    root = np.sqrt(squared - creep**2)
+    found = 1j * creep + root
+    # of the two rates of a mode that creeps, whose product is the square, the slower one
+    slow = (squared.real < creep**2) & (loss_factor == 0.0)
+    return np.asarray(np.where(slow, np.divide(-squared, found, out=np.zeros_like(found), where=slow), found))
+
+
+def damp_unevenly(stiffness: NDArray[Any], viscous: NDArray[Any]) -> tuple[Complex, Complex]:
+    """Return the modes of x'' + G x' + D x = 0 for stacks of matrices D = ``stiffness`` and G = ``viscous`` (..., n, n).
+
+    Returns
+    -------
+    omega : (..., n) complex, of x exp(i omega t), ascending in their real part: of each pair omega and -conj(omega) the one
+        with a real part above zero, one of each pair of zeros, and the slowest of those that creep.
+    vectors : (..., n, n) columns of norm one.
+    """
+    n = stiffness.shape[-1]
+    scale = np.sqrt(np.max(np.abs(stiffness), axis=(-2, -1), keepdims=True))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    # with y = x'/scale, the eigenvalues of ((0, 1), (-D, -G)) are i omega / scale
+    whole = np.zeros((*stiffness.shape[:-2], 2 * n, 2 * n), complex)
+    whole[..., :n, n:] = np.eye(n)
+    whole[..., n:, :n], whole[..., n:, n:] = -stiffness / scale**2, -viscous / scale
+    rates, vectors = np.linalg.eig(whole)
+    omega = -1j * rates
+    still, ahead = np.abs(omega) <= _STILL, omega.real > _STILL
+    kinds = np.select([ahead, still, np.abs(omega.real) <= _STILL], [0, 1, 2], 3)
+    order = np.lexsort((np.where(still, -omega.real, omega.imag), kinds))
+    omega, still = np.take_along_axis(omega, order, -1), np.take_along_axis(still, order, -1)
+    spare = still & (2 * np.cumsum(still, axis=-1) > np.sum(still, axis=-1, keepdims=True) + 1)
+    kept = np.argsort(spare, axis=-1, kind="stable")[..., :n]
+    kept = np.take_along_axis(kept, np.argsort(np.take_along_axis(omega.real, kept, -1), axis=-1, kind="stable"), -1)
+    omega, place = np.take_along_axis(omega, kept, -1), np.take_along_axis(order, kept, -1)
+    vectors = np.take_along_axis(vectors[..., :n, :], place[..., None, :], -1)
+    return omega * scale[..., 0], vectors / np.linalg.norm(vectors, axis=-2, keepdims=True)

@@ -1,0 +1,426 @@
+"""The response of a network at given frequencies: receptance, mobility, and what a moved wall hands on.
+
+With forces F exp(i omega t) on balls, mass-weighted motions x = M^1/2 u obey Z x = M^-1/2 F,
+
+    Z(omega) = D(omega) - omega^2,    D(omega) = A^T (1 + i eta + i omega tau) A + static forces,
+
+with the damping of :mod:`granphon.dynamics.damping`; a wall that is moved pulls at the balls that touch it with the same
+springs and dashpots. There are two ways to solve it.
+
+Directly: sparse LU factors of Z at each frequency, in an order of the motions that is found once. Further solutions, of what
+is left, mend the first until they change it no more; the last change is the error.
+
+By one Krylov space for all frequencies: if all contacts are damped alike, Z = s (D - z) with a number s and z = omega^2/s.
+The process of Lanczos turns D into a tridiagonal matrix T on the vectors that D makes of the source, for all z at once: the
+method of conjugate gradients for shifted systems (R. W. Freund, in Numerical Linear Algebra, de Gruyter, 1993). What is left
+has the norm b |y|, with the next entry b of T and the last coefficient y. As D is real and symmetric, |(D - z)^-1| is at
+most one over the distance of z from the spectrum, which bounds the error. Of the vectors only the signals of receivers are
+kept. Less damping takes more steps. They go on until they have cost as much as factors at the frequencies that are left.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granphon.array.sparse_matrices import factorise
+from granphon.base.errors import ConvergenceError, InputError, brief, message
+from granphon.base.results import Result
+from granphon.base.scales import write_quantity
+from granphon.base.text import counted
+from granphon.base.validation import finite_array, positive
+from granphon.dynamics.damping import ContactDamping
+from granphon.networks.network import ContactNetwork
+from granphon.waves.modes import LARGEST_FACTORS, PIVOT
+from granphon.waves.operator import WaveOperator
+from granphon.waves.pulses import Course, read_balls, read_push, read_vector
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Index = NDArray[np.intp]
+#: what may be asked for, and its unit
+QUANTITIES = {"displacement": "m/N", "velocity": "m/(N s)", "transmissibility": "1"}
+#: ways to solve
+METHODS = ("direct", "krylov")
+#: motions up to which factors are always taken, as they lose no digits
+_FEW = 2_000
+#: work of the factors at a frequency, in steps of Lanczos, for balls on a line, in a plane and in space: c n^p of n motions
+_FACTORS = {1: (30.0, 0.0), 2: (6.0, 0.5), 3: (0.6, 1.0)}
+#: bound of the error of a response by Lanczos, over the largest of its frequency, with which it counts as found
+TOLERANCE = 1e-9
+#: steps after which Lanczos is looked at first, and growth of their number to the next time
+_FIRST, _GROWTH = 64, 1.15
+#: most steps where factors are too large
+_MOST = 100_000
+#: norm of what is left in a step, over the largest, at which the space holds all that D makes of the source
+_COMPLETE = 1e-13
+#: solutions by the same factors, of which each mends the one before
+_SOLUTIONS = 4
+#: error above which a response is told to be unsure, and part of all motions by which a solution is mended if it is none
+_UNSURE, _UNKNOWN = 1e-6, 1e-2
+#: part of the source that is left by Lanczos, from which on rounding is all that is left
+_ROUNDING = 1e-13
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Response(Result):
+    """Complex amplitudes of receivers in a steady motion exp(i omega t); ``np.asarray`` of it is ``values``.
+
+    Attributes
+    ----------
+    frequencies : (n_f,) Hz.
+    values : (n_f, n_r) amplitude of each receiver over that of the source: m/N, m/(N s) or 1. A phase below zero lags.
+    quantity : "displacement" (receptance), "velocity" (mobility) or "transmissibility".
+    sources : (n_s,) balls that are pushed, each with the same force, or bodies that are moved.
+    pushes : (n_s, 3) unit vectors along which they are.
+    receivers : (n_r,) balls that are heard.
+    directions : (n_r, 3) unit vectors along which they are.
+    error : (n_f,) error of the values at each frequency, over the largest of them.
+    factorisations : number of frequencies whose values were found by factors of the matrix.
+    steps : number of steps of the Krylov space by which the others were found; 0 without any.
+    warnings : one sentence for the frequencies whose error is above 1e-6, as next to modes without damping.
+    """
+
+    units = {"frequencies": "Hz"}
+    _shapes = {
+        "frequencies": "f", "values": "f r", "sources": "s", "pushes": "s 3", "receivers": "r", "directions": "r 3",
+        "error": "f",
+    }  # fmt: skip
+    _notebook_fields = ("method",)
+
+    frequencies: Array
+    values: Complex
+    quantity: str
+    sources: Index
+    pushes: Array
+    receivers: Index
+    directions: Array
+    error: Array
+    factorisations: int
+    steps: int
+    warnings: tuple[str, ...] = ()
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.array(self.values, dtype)
+
+    def _field_units(self) -> dict[str, str]:
+        return {**self.units, "values": QUANTITIES[self.quantity]}
+
+    @property
+    def magnitude(self) -> Array:
+        """(n_f, n_r) in m/N, m/(N s) or 1."""
+        return np.abs(self.values)
+
+    @property
+    def phase(self) -> Array:
+        """(n_f, n_r) rad, without jumps by 2 pi from one frequency to the next; the first is between -pi and pi."""
+        return np.unwrap(np.angle(self.values), axis=0)
+
+    @property
+    def coherent(self) -> Complex:
+        """(n_f,) mean over the receivers, as that of a plane."""
+        return np.asarray(np.mean(self.values, axis=1))
+
+    @property
+    def method(self) -> str:
+        """How it was found, in words."""
+        krylov = len(self.frequencies) - self.factorisations
+        parts = [f"{counted(self.factorisations, 'frequency', 'frequencies')} by factors of the matrix"] * bool(
+            self.factorisations
+        )
+        if krylov:
+            parts.append(f"{counted(krylov, 'frequency', 'frequencies')} by a Krylov space of {counted(self.steps, 'step')}")
+        return ", ".join(parts)
+
+    @property
+    def labelled(self) -> dict[str, tuple[tuple[str, ...], Any, dict[str, str]]]:
+        """What ``xarray.Dataset`` takes: dimensions, numbers and units of magnitude, phase, error and balls."""
+        unit = QUANTITIES[self.quantity]
+        return {
+            "frequency": (("frequency",), self.frequencies, {"units": "Hz"}),
+            "magnitude": (("frequency", "receiver"), self.magnitude, {"units": unit, "long_name": self.quantity}),
+            "phase": (("frequency", "receiver"), self.phase, {"units": "rad"}),
+            "error": (("frequency",), self.error, {"units": "1"}),
+            "receiver": (("receiver",), np.arange(len(self.receivers)), {}),
+            "ball": (("receiver",), self.receivers, {}),
+        }
+
+
+def read_frequencies(given: ArrayLike) -> Array:
+    """Return frequencies (n_f,), Hz, ascending from zero or above; raises InputError for others."""
+    found = np.atleast_1d(finite_array("frequencies", given, "Hz", "zero or above"))
+    if found.ndim != 1 or np.any(np.diff(found) <= 0.0):
+        why = "They are a list" if found.ndim != 1 else "Each is to be above the one before"
+        raise InputError(message("the frequencies are not sorted", why, "Give np.unique(frequencies)"))
+    return found
+
+
+def find_response(
+    operator: WaveOperator, frequencies: ArrayLike, source: Any, receiver: Any, damping: Any = 0.0,
+    loss_factor: Any = 0.0, *, quantity: str = "displacement", direction: ArrayLike | None = None,
+    polarisation: str | ArrayLike = "longitudinal", distance: float | None = None, method: str | None = None,
+) -> Response:  # fmt: skip
+    """Return the response of a network; see :meth:`granphon.waves.waves.Waves.response`."""
+    network, hertz = operator.network, read_frequencies(frequencies)
+    for name, word, known in (("quantity", quantity, tuple(QUANTITIES)), ("method", method, (None, *METHODS))):
+        if word not in known:
+            raise InputError(message(f"{name} is {brief(word)}", mend=f"Use {', '.join(filter(None, known))}"))
+    damped, places = ContactDamping.of(network, damping, loss_factor), _Places(network, direction, polarisation, distance)
+    moved = quantity == "transmissibility"
+    sources, pushes = places.find("source", source, held=moved)
+    receivers, directions = places.find("receiver", receiver)
+    axes, count = list(operator.motions.translations), operator.motions.count
+    # the source: what does not depend on the damping, and what the loss factors and the dashpots add
+    amplitude = np.zeros((network.n_balls, count))
+    np.add.at(amplitude[:, : len(axes)], sources, pushes[:, axes])
+    if moved:
+        drives = [operator.pull(amplitude), *(operator.pull(amplitude, one) for one in (damped.losses, damped.times))]
+    else:
+        pushed = operator.vector(amplitude[operator.balls] / np.sqrt(network.masses[operator.balls])[:, None])
+        drives = [pushed, np.zeros(operator.size), np.zeros(operator.size)]
+    row = np.full(network.n_balls, -1)
+    row[operator.balls] = np.arange(operator.balls.size)
+    heard = operator.values(np.arange(operator.size))[row[receivers], : len(axes)]
+    ears = directions[:, axes] / np.sqrt(network.masses[receivers])[:, None]
+    problem = _Problem(operator, damped, drives, heard, ears, moved)
+    values, error, factored, steps = problem.solve(2.0 * math.pi * hertz, method)
+    if quantity == "velocity":
+        values = values * (2j * math.pi * hertz)[:, None]
+    warnings: tuple[str, ...] = ()
+    unsure = np.flatnonzero(error > _UNSURE)
+    if unsure.size:
+        worst = unsure[np.argmax(error[unsure])]
+        where = f"{counted(unsure.size, 'frequency', 'frequencies')}, up to {error[worst]:.1e} at {hertz[worst]:.6g} Hz"
+        why = "hardly anything reaches the receivers, or a mode hardly loses energy"
+        warnings = (f"the error of the response is above {_UNSURE:g} at {where}: {why}.",)
+    return Response(
+        hertz, values, quantity, sources, pushes, receivers, directions, error, factored, steps, warnings
+    )  # fmt: skip
+
+
+# -- sources and receivers ---------------------------------------------------------------------------------------------
+
+
+class _Places:
+    """Where a network is pushed and heard; the arguments are those of ``Waves.response``."""
+
+    def __init__(self, network: ContactNetwork, direction: Any, polarisation: Any, distance: float | None) -> None:
+        self.network = network
+        if direction is None:  # across the periods, if there is a direction across them
+            free = [axis for axis in range(network.dimension) if not np.any(network.cell[:, axis])]
+            direction = np.eye(3)[free[0] if free else 0]
+        self.along = read_vector("direction", direction, network.dimension)
+        self.polarisation = polarisation
+        self.distance = None if distance is None else positive("distance", distance, "m")
+
+    def find(self, name: str, given: Any, held: bool = False) -> tuple[Index, Array]:
+        """Return balls (n,) and unit vectors (n, 3) of a source or receiver, or of a list of these."""
+        network, several = self.network, given if isinstance(given, list) else [given]
+        axes, balls, vectors = list(network.ball_motions.translations), [np.zeros(0, int)], [np.zeros((0, 3))]
+        for one in several:
+            if isinstance(one, str) and one == "plane":
+                found, vector = self._find_plane(name, held), read_push(network, self.along, self.polarisation)
+            elif isinstance(one, tuple) and len(one) == 2:
+                found, vector = read_balls(name, one[0], network), self._read_direction(one[1])
+            else:
+                mend = "Give (ball, direction), (balls, direction), 'plane', or a list of these"
+                raise InputError(message(f"the {name} is {brief(one)}", mend=mend))
+            if abs(np.linalg.norm(vector[axes]) - 1.0) > 1e-9:
+                moves, shown = " and ".join("xyz"[axis] for axis in axes), ", ".join(f"{x:.6g}" for x in vector)
+                raise InputError(message(f"the {name} is along ({shown})", f"Balls move along {moves} only"))
+            balls.append(found)
+            vectors.append(np.tile(vector, (len(found), 1)))
+        every = np.concatenate(balls)
+        if not every.size:
+            raise InputError(message(f"there is no {name}", mend="Give (ball, direction), or a list of these"))
+        wrong = every[network.moving[every] == held]
+        if wrong.size:
+            what = f"ball {wrong[0]} of the {name} {'moves' if held else 'does not move'}"
+            why = "A transmissibility is that of a wall or floor" if held else "It is held: its mass is infinite"
+            mend = (
+                "Give a body of infinite mass" if held else "Ask for the transmissibility, to move it" * (name == "source")
+            )
+            raise InputError(message(what, why, mend))
+        return every, np.concatenate(vectors)
+
+    def _read_direction(self, given: Any) -> Array:
+        if isinstance(given, str):
+            if given not in ("x", "y", "z"):
+                raise InputError(message(f"a direction is {brief(given)}", mend="Use x, y, z, or a vector"))
+            return np.asarray(np.eye(3)["xyz".index(given)])
+        return read_vector("direction", given, self.network.dimension)
+
+    def _find_plane(self, name: str, held: bool) -> Index:
+        """Return the first plane of balls along the direction, or that of receivers."""
+        network, course = self.network, Course.along(self.network, self.along)
+        if held:
+            still = np.flatnonzero(~network.moving)
+            if not still.size:
+                raise InputError(message("no body of this network is held", mend="Cut it with clamped edges or a floor"))
+            heights = course.heights[still]
+            return np.asarray(still[heights <= np.min(heights) + 0.5 * course.spacing])
+        places = course.places[network.moving]
+        first = float(np.min(places))
+        if name == "source":
+            return course.find_plane(first, name)
+        if self.distance is not None:
+            return course.find_plane(course.find_place(course.find_plane(first, name)) + self.distance, name)
+        if math.isfinite(course.period):
+            what = "the receiving plane has no distance, and the network repeats along the direction"
+            raise InputError(message(what, mend="Give the distance, m, from the first plane"))
+        return course.find_plane(float(np.max(places)), name)
+
+
+# -- solutions ----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """Z x = source, and what of x is heard.
+
+    ``drives`` are the parts of the source without damping, by loss factors and, over omega, by dashpots; ``moved`` says that
+    it is a wall. ``heard`` and ``ears`` (n_r, axes) are places in x, and their weights.
+    """
+
+    operator: WaveOperator
+    damping: ContactDamping
+    drives: Sequence[Array]
+    heard: Index
+    ears: Array
+    moved: bool
+
+    def solve(self, omega: Array, method: str | None) -> tuple[Complex, Array, int, int]:
+        """Return values and errors at ``omega`` (n_f,), rad/s, the number of factorisations, and of steps of Lanczos."""
+        operator, n = self.operator, self.operator.size
+        dimension, even = operator.network.dimension, self.damping.find_even(operator.network)
+        if even is None and method == "krylov":
+            why = "A Krylov space is for a loss factor that all have, and a viscosity in proportion to all stiffnesses"
+            raise InputError(
+                message("the contacts are not damped alike, or static forces act", why, "Use the direct method")
+            )
+        values, error = np.zeros((omega.size, len(self.heard)), complex), np.full(omega.size, np.inf)
+        fits, steps = n <= LARGEST_FACTORS[dimension], 0
+        if even is not None and method != "direct" and (n > _FEW or method == "krylov"):
+            shifts, scale = self._shift(omega, even)
+            factor, power = _FACTORS[dimension]
+            values, error, steps = self._follow_lanczos(
+                shifts, scale, factor * n**power if fits and method is None else None
+            )
+        left = np.flatnonzero(np.isinf(error))
+        if left.size and (method == "krylov" or not fits):
+            hardest = write_quantity(float(omega[left[0]]) / (2.0 * math.pi), "Hz", 4)
+            space = f"a Krylov space of {counted(steps, 'step')}"
+            what = f"the response of {n:,} motions at {hardest} is not found by {space}"
+            why = (
+                "In a large network modes lie close together, and with little damping the response is that of each by itself"
+            )
+            raise ConvergenceError(message(what, why, "Give more damping, alike in all contacts, or take a smaller network"))
+        if left.size:
+            values[left], error[left] = self._factorise(omega[left])
+        return values, error, int(left.size), steps if left.size < omega.size else 0
+
+    def _shift(self, omega: Array, even: tuple[float, float]) -> tuple[Any, Any]:
+        """Return z/top^2 and s of all frequencies."""
+        scale = 1.0 + 1j * (even[0] + omega * even[1])
+        return omega**2 / scale / self.operator.top**2, scale
+
+    def _listen(self, x: NDArray[Any]) -> NDArray[Any]:
+        return np.asarray(np.sum(x[self.heard] * self.ears, axis=1))
+
+    def _factorise(self, omega: Array) -> tuple[Complex, Array]:
+        """Return values (n_f, n_r) and errors (n_f,) by factors of Z at each frequency."""
+        from scipy.sparse import eye_array
+
+        operator, squared = self.operator, self.operator.top**2
+        # reduced by top^2; the order of the motions is that of least fill
+        weights, unit = (self.damping.losses, self.damping.times), eye_array(operator.size)
+        parts: list[Any] = [operator.matrix, *(operator.weigh(one) if np.any(one) else None for one in weights)]
+        place = factorise(parts[0] / squared + unit).perm_c
+        order = np.argsort(place)
+        static, lost, dashed = (None if one is None else (one[order][:, order] / squared).tocsc() for one in parts)
+        drives = [one[order] / squared for one in self.drives]
+        values, error = np.zeros((omega.size, len(self.heard)), complex), np.zeros(omega.size)
+        for row, w in enumerate(omega.tolist()):
+            matrix, drive = static - w**2 / squared * unit, drives[0]
+            if not self.damping.is_none:
+                for part, more, factor in ((lost, drives[1], 1j), (dashed, drives[2], 1j * w)):
+                    if part is not None and factor:
+                        matrix, drive = matrix + factor * part, drive + factor * more
+            matrix = matrix.tocsc()
+            drive, x, found = drive.astype(matrix.dtype), np.zeros(operator.size, matrix.dtype), values[row]
+            try:
+                factors = factorise(matrix, pivot=PIVOT, order="NATURAL")
+                for _ in range(_SOLUTIONS):
+                    x += (change := factors.solve(drive - matrix @ x))
+                    before, found = found, self._listen(x[place])
+                    error[row] = np.max(np.abs(found - before)) / (np.max(np.abs(found)) or 1.0)
+                    if error[row] <= TOLERANCE:
+                        break
+            except RuntimeError:  # exactly singular
+                raise _explain_resonance(w) from None
+            if not np.linalg.norm(change) <= _UNKNOWN * np.linalg.norm(x):
+                raise _explain_resonance(w)
+            values[row] = found
+        return values, error
+
+    def _follow_lanczos(self, shifts: Complex, scale: Complex, price: float | None) -> tuple[Complex, Array, int]:
+        """Return values, errors (infinite of what is not found) and the number of steps.
+
+        It ends when these have cost as much as factors at the frequencies that are left, each at the ``price`` of so many
+        steps; without one after :data:`_MOST`.
+        """
+        from scipy.linalg import solve_banded
+
+        operator, squared = self.operator, self.operator.top**2
+        drive = self.drives[0]
+        size = float(np.linalg.norm(drive))
+        values, error = np.zeros((shifts.size, len(self.heard)), complex), np.zeros(shifts.size)
+        if size == 0.0:
+            return values, error, 0
+        error[:] = np.inf
+        reach = size / squared * float(np.max(np.linalg.norm(self.ears, axis=1)))
+        distance = np.hypot(shifts.imag, np.maximum(np.maximum(shifts.real - 1.0, -shifts.real), 0.0))
+        left, step = np.flatnonzero(distance > 0.0), 0  # without damping no end is sure to come
+        before, current, across = np.zeros(operator.size), drive / size, 0.0
+        diagonal, beside, signals, check = [], [], [], _FIRST
+        while left.size and step < (_MOST if price is None else price * left.size):
+            step += 1
+            signals.append(self._listen(current))
+            following = (operator @ current) / squared
+            following -= across * before
+            diagonal.append(float(current @ following))
+            following -= diagonal[-1] * current
+            across = float(np.linalg.norm(following))
+            beside.append(across)
+            complete = across <= _COMPLETE * max(*beside, abs(diagonal[0]))
+            if step >= check or complete:
+                check = math.ceil(step * _GROWTH)
+                bands = np.zeros((3, step), complex)
+                bands[0, 1:] = bands[2, :-1] = beside[:-1]
+                start, sounds, unsolved = np.eye(1, step)[0], np.array(signals), []
+                for place in left:
+                    bands[1] = np.array(diagonal) - shifts[place]
+                    y = solve_banded((1, 1), bands, start, check_finite=False)
+                    found = size / squared * (y @ sounds)
+                    rest, largest = 0.0 if complete else across * abs(y[-1]), float(np.max(np.abs(found))) or reach
+                    values[place] = found if self.moved else found / scale[place]
+                    error[place] = np.finfo(float).eps * step + reach * rest / distance[place] / largest
+                    if error[place] > TOLERANCE and rest > _ROUNDING * distance[place]:
+                        unsolved.append(place)
+                left = np.array(unsolved, int)
+            if complete:
+                break
+            before, current = current, following / across
+        error[left] = np.inf
+        return values, error, step
+
+
+def _explain_resonance(omega: float) -> InputError:
+    what = f"the response at {write_quantity(omega / (2.0 * math.pi), 'Hz', 6)} has no bound"
+    why = "The network has a mode of this frequency that loses no energy"
+    return InputError(message(what, why, "Give a damping or a loss_factor, or another frequency"))

@@ -1,0 +1,428 @@
+"""The response in frequency: against closed forms of chains, matrices made contact by contact, pulses, and LAMMPS."""
+
+import ctypes
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import granphon as gp
+from granphon.base.errors import ConvergenceError, InputError
+from tests import packings
+
+UNITS = gp.Units(8e-3, 3e6, 2e-3)
+D, OMEGA = UNITS.length, UNITS.angular_frequency
+#: (k/M)^1/2 / 2 pi, Hz, and (k M)^1/2, N s/m
+HERTZ, VISCOSITY = OMEGA / (2.0 * np.pi), UNITS.stiffness / OMEGA
+
+
+def ideal(name, mindlin_ratio=0.8, **more):
+    return gp.ContactLattice.of(name, mindlin_ratio, **more).contact_network(UNITS)
+
+
+def chain(count, edges="free"):
+    return ideal("chain", 0.0).cut(0, count, edges)
+
+
+@pytest.fixture(scope="module")
+def strip():
+    """A triangular strip on a floor, under static forces, whose contacts differ."""
+    network = ideal("triangular").repeat((4, 1)).cut(1, 5, ("floor", "free"))
+    rng = np.random.default_rng(3)
+    normal = rng.uniform(0.5, 1.5, network.n_contacts) * UNITS.stiffness
+    return replace(
+        network, normal_stiffness=normal, shear_stiffness=rng.uniform(0.5, 0.9, normal.size) * normal, prestress=True,
+        normal_force=rng.uniform(0.0, 0.02, normal.size) * UNITS.stiffness * D,
+    )  # fmt: skip
+
+
+# -- closed forms -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.claim("response-chain")
+@pytest.mark.parametrize("edge", ["clamped", "floor"])
+def test_chain_on_a_moved_wall_inside_and_above_its_band(edge):
+    # u_n = (cos((N - n + 1/2) t)/cos((N + 1/2) t)) u_0 with omega = 2 sin(t/2), complex above the band
+    count = 14
+    network = chain(count + 1, (edge, "free"))
+    wall = int(np.flatnonzero(~network.moving)[0])
+    balls = count if edge == "clamped" else count + 1
+    omega = np.array([0.0, 0.21, 0.8, 1.43, 1.99, 2.03, 2.4, 3.1])
+    found = gp.Waves(network).response(
+        omega * HERTZ, (wall, "x"), (np.flatnonzero(network.moving), (1.0,)), quantity="transmissibility"
+    )
+    t, places = 2.0 * np.arcsin(omega[:, None] / 2.0 + 0j), 1 + np.arange(balls)
+    expected = np.cos((balls - places + 0.5) * t) / np.cos((balls + 0.5) * t)
+    assert found.values.shape == (omega.size, balls)
+    assert_allclose(found.values, expected, rtol=1e-10)
+    assert np.max(found.error) < 1e-12
+    assert not found.warnings
+    by_plane = gp.Waves(network).response(omega * HERTZ, "plane", "plane", quantity="transmissibility")
+    assert_allclose(by_plane.coherent, expected[:, -1], rtol=1e-10)
+
+
+def test_one_ball_on_a_spring_and_a_dashpot():
+    network = chain(2, ("clamped", "free"))
+    omega, c, eta = np.array([0.0, 0.3, 1.0, 4.0]), 0.3, 0.1
+    found = [
+        gp.Waves(network).response(omega * HERTZ, (source, "x"), (1, "x"), c * VISCOSITY, eta, quantity=name)
+        for source, name in ((1, "displacement"), (1, "velocity"), (0, "transmissibility"))
+    ]
+    spring = 1.0 + 1j * (eta + omega * c)
+    receptance = 1.0 / (spring - omega**2)
+    assert_allclose(found[0].values[:, 0] * UNITS.stiffness, receptance, rtol=1e-13)
+    assert_allclose(found[1].values[:, 0] * VISCOSITY, 1j * omega * receptance, rtol=1e-13)
+    assert_allclose(found[2].values[:, 0], spring * receptance, rtol=1e-13)
+    assert_allclose(found[0].phase[:, 0], np.angle(receptance))
+    assert [one.to_dict()["units"]["values"] for one in found] == ["m/N", "m/(N s)", "1"]
+    again = gp.Response.from_dict(found[0].to_dict())
+    assert again == found[0]
+    assert np.array_equal(np.asarray(again), found[0].values)
+
+
+@pytest.mark.claim("local-dos-chain")
+def test_local_density_at_the_free_end_of_a_chain_to_second_order_of_the_resolution():
+    # (2/pi)(1 - omega^2/4)^1/2 of a half-infinite chain; the echo of the other end comes after as many moments as balls
+    waves, omega, errors = gp.Waves(chain(800)), np.linspace(0.05, 1.95, 20), []
+    for moments in (200, 400, 800):
+        density = waves.local_dos(0, omega * HERTZ, moments=moments)
+        errors.append(np.max(np.abs(density.values[:, 0] * HERTZ - 2.0 / np.pi * np.sqrt(1.0 - omega**2 / 4.0))))
+    assert errors[-1] < 1e-5
+    assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), 2.0, atol=0.02)
+    assert density.letters == ("x",)
+
+
+@pytest.mark.parametrize("damping", [0.3, 1.9, 2.1])
+def test_modes_of_one_ball_swing_or_creep(damping):
+    network = chain(2, ("clamped", "free"))
+    even = gp.Waves(network).damped_modes(1, damping=damping * VISCOSITY)
+    # a loss factor of one contact and of no deformation else is uneven, and here the same
+    uneven = gp.Waves(replace(network, prestress=True)).damped_modes(1, damping=damping * VISCOSITY)
+    roots = np.roots([-1.0, 1j * damping, 1.0])
+    expected = roots[np.argmax(roots.real)] if damping < 2.0 else roots[np.argmin(roots.imag)]
+    for found in (even, uneven):
+        assert_allclose(found.frequencies, [expected * HERTZ], rtol=1e-12)
+        assert_allclose(found.quality, [expected.real / (2.0 * expected.imag)], atol=1e-12)
+
+
+# -- matrices made contact by contact -----------------------------------------------------------------------------------
+
+
+def assemble(network, normal, shear):
+    """Stiffness (6 n, 6 n) of u and phi of all balls, walls too, with springs ``normal``, ``shear`` (n_c,) of any kind."""
+    whole = np.zeros((6 * network.n_balls,) * 2, complex)
+    for c in range(network.n_contacts):
+        i, j, n = network.i[c], network.j[c], network.normal[c]
+        across, cross = np.eye(3) - np.outer(n, n), np.cross(np.eye(3), n)  # rows e x n
+        apart = np.hstack([-np.eye(3), np.zeros((3, 3)), np.eye(3), np.zeros((3, 3))])
+        turned = np.hstack([np.zeros((3, 3)), network.arm_i[c] * cross.T, np.zeros((3, 3)), network.arm_j[c] * cross.T])
+        slip, along, places = across @ apart - turned, n @ apart, np.r_[6 * i : 6 * i + 6, 6 * j : 6 * j + 6]
+        push = network.normal_force[c] / network.distance[c] if network.prestress else 0.0
+        own = normal[c] * np.outer(along, along) + shear[c] * slip.T @ slip - push * apart.T @ across @ apart
+        np.add.at(whole, np.ix_(places, places), own)
+    return whole
+
+
+@pytest.mark.parametrize("prestress", [False, True])
+def test_response_is_that_of_matrices_made_contact_by_contact(strip, prestress):
+    network, rng = replace(strip, prestress=prestress), np.random.default_rng(1)
+    c_n, c_t, eta = (size * rng.uniform(0.0, 1.0, network.n_contacts) for size in (0.2 * VISCOSITY, 0.3 * VISCOSITY, 0.1))
+    free = np.flatnonzero(network.moving)
+    places = (6 * free[:, None] + [0, 1, 5]).ravel()
+    mass = np.column_stack([network.masses[free]] * 2 + [network.inertias[free]]).ravel()
+    wall = int(np.flatnonzero(~network.moving)[0])
+    hertz = np.array([0.2, 0.9, 1.7, 2.6]) * HERTZ
+    waves, slanted = gp.Waves(network), (0.6, -0.8)
+    pushed = waves.response(hertz, [(3, slanted), (9, "y")], [(5, "x"), ((7, 8), "y")], (c_n, c_t), eta)
+    moved = waves.response(hertz, (wall, slanted), (free[-1], "x"), (c_n, c_t), eta, quantity="transmissibility")
+    for row, omega in enumerate(2.0 * np.pi * hertz):
+        loss = 1j * eta
+        whole = assemble(
+            network, network.normal_stiffness * (1.0 + loss) + 1j * omega * c_n,
+            network.shear_stiffness * (1.0 + loss) + 1j * omega * c_t,
+        )  # fmt: skip
+        inner = whole[np.ix_(places, places)] - omega**2 * np.diag(mass)
+        force = np.zeros(6 * network.n_balls)
+        force[[18, 19, 55]] = 0.6, -0.8, 1.0
+        answer = np.zeros(force.size, complex)
+        answer[places] = np.linalg.solve(inner, force[places])
+        assert_allclose(pushed.values[row], answer[[30, 43, 49]], rtol=1e-10)
+        pull = -whole[places, 6 * wall] * 0.6 + whole[places, 6 * wall + 1] * 0.8
+        answer[places] = np.linalg.solve(inner, pull)
+        assert_allclose(moved.values[row, 0], answer[6 * free[-1]], rtol=1e-10)
+
+
+def test_damped_modes_are_roots_of_matrices_made_contact_by_contact(strip):
+    c_n, c_t, eta = 0.2 * VISCOSITY, 0.05 * VISCOSITY, 0.03
+    network, free = strip, np.flatnonzero(strip.moving)
+    places = (6 * free[:, None] + [0, 1, 5]).ravel()
+    root = np.sqrt(np.column_stack([network.masses[free]] * 2 + [network.inertias[free]]).ravel())
+    every = np.ones(network.n_contacts)
+    stiff = assemble(network, network.normal_stiffness * (1.0 + 1j * eta), network.shear_stiffness * (1.0 + 1j * eta))
+    lossy = assemble(replace(network, prestress=False), c_n * every, c_t * every)
+    stiff, lossy = (one[np.ix_(places, places)] / root / root[:, None] for one in (stiff, lossy))
+    modes = gp.Waves(network).damped_modes(places.size, damping=(c_n, c_t), loss_factor=eta)
+    assert np.all(np.diff(modes.frequencies.real) >= 0.0)
+    for frequency, vector in zip(modes.frequencies, modes.vectors, strict=True):
+        omega, x = 2.0 * np.pi * frequency, vector[free].ravel()
+        left = stiff @ x + 1j * omega * (lossy @ x) - omega**2 * x
+        assert np.linalg.norm(left) < 1e-10 * (2.0 * OMEGA) ** 2
+        assert np.linalg.norm(x) == pytest.approx(1.0)
+
+
+def test_damped_modes_of_a_large_network_are_those_of_all():
+    network = ideal("chain", 0.0).cut(0, 700)
+    c = np.linspace(0.0, 0.1, network.n_contacts) * VISCOSITY
+    found = gp.Waves(network).damped_modes(6, nearest=0.9 * HERTZ, damping=c)
+    stiff = 2.0 * np.eye(700) - np.eye(700, k=1) - np.eye(700, k=-1)
+    difference = np.diff(np.eye(700), axis=0)
+    lossy, stiff = difference.T @ (c[:, None] / VISCOSITY * difference), difference.T @ difference
+    for frequency, vector in zip(found.frequencies / HERTZ, found.vectors[:, :, 0], strict=True):
+        left = stiff @ vector + 1j * frequency * (lossy @ vector) - frequency**2 * vector
+        assert np.linalg.norm(left) < 1e-10
+    # so weakly damped, modes are near those without damping, and none of these is missing
+    free = 2.0 * np.sin(0.5 * np.pi * np.arange(700) / 700)
+    near = np.sort(free[np.argsort(np.abs(free - 0.9))[:6]])
+    assert_allclose(found.frequencies.real / HERTZ, near, atol=1e-3)
+
+
+# -- other ways -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.claim("response-krylov")
+@pytest.mark.parametrize(
+    "damping",
+    [
+        {"loss_factor": 0.05},
+        {"damping": 0.04 * VISCOSITY},
+        {"damping": (0.02 * VISCOSITY, 0.01 * VISCOSITY), "loss_factor": 0.02},
+    ],
+)
+def test_krylov_space_gives_what_factors_give(damping):
+    network = ideal("triangular", 0.5).repeat((20, 1)).cut(1, 20, ("clamped", "free"))
+    waves, hertz = gp.Waves(network), np.linspace(0.2, 2.3, 7) * HERTZ
+    for source, quantity in (((40, "x"), "velocity"), ("plane", "transmissibility")):
+        one, other = (
+            waves.response(hertz, source, ([70, 350], "y"), **damping, quantity=quantity, method=method)
+            for method in ("direct", "krylov")
+        )
+        assert (one.factorisations, other.factorisations, one.steps) == (7, 0, 0)
+        assert 64 <= other.steps < 2000
+        assert "Krylov" in other.method
+        off = np.max(np.abs(one.values - other.values), axis=1)
+        assert np.all(off <= np.maximum(other.error, 1e-11) * np.max(np.abs(one.values), axis=1))
+        assert np.max(other.error) < 2e-9
+
+
+def test_large_network_takes_a_krylov_space_and_factors_where_nothing_is_lost():
+    network = ideal("triangular", 0.8).repeat((30, 30))
+    waves, hertz = gp.Waves(network), np.geomspace(0.01, 1.5, 8) * HERTZ
+    places = [(0, "x"), (620, (-1, 0))], (20, "y")
+    found = waves.response(hertz, *places, loss_factor=0.1)
+    assert found.factorisations == 0
+    assert 64 <= found.steps < 2000
+    assert np.max(found.error) < 2e-9
+    direct = waves.response(hertz, *places, loss_factor=0.1, method="direct")
+    assert_allclose(found.values, direct.values, rtol=1e-8)
+    bare = waves.response(hertz[-1:], *places)
+    assert (bare.factorisations, bare.steps) == (1, 0)
+    with pytest.raises(ConvergenceError, match="not found by a Krylov space"):
+        waves.response(hertz[-1:], *places, method="krylov")
+
+
+@pytest.mark.claim("response-pulse")
+@pytest.mark.parametrize("tangential", [None, 0.3])
+def test_fourier_transform_of_a_pulse_is_the_response(tangential):
+    network = ideal("triangular", 0.6).repeat((3, 1)).cut(1, 8) if tangential else chain(8)
+    tau, frequency = 0.4 / OMEGA, 0.7 * HERTZ
+    more = {} if tangential is None else {"tangential_damping": tangential / OMEGA}
+    pulse = gp.Waves(network).transmit(
+        frequency, (0, 1) if tangential else (1,), 4.0 * D, 2, polarisation="longitudinal", damping=tau,
+        duration=300.0 / OMEGA, **more,
+    )  # fmt: skip
+    hertz = np.array([0.5, 0.7, 0.9]) * HERTZ
+    c, axis = tau * UNITS.stiffness, "y" if tangential else "x"
+    damping = c if tangential is None else (c, tangential / OMEGA * 0.6 * UNITS.stiffness)
+    found = gp.Waves(network).response(hertz, (pulse.sources, axis), (pulse.receivers, axis), damping, quantity="velocity")
+    turn = np.exp(-2j * np.pi * np.multiply.outer(hertz, pulse.times))
+    assert_allclose((turn @ pulse.signals.T) / (turn @ pulse.sent)[:, None], found.values, rtol=1e-3)
+
+
+@pytest.mark.claim("damped-perturbation")
+@pytest.mark.parametrize("kind", ["loss", "viscous"])
+def test_small_losses_are_those_of_the_real_bands_to_second_order(kind):
+    balls = [gp.Ball(packings.MATERIAL, D), gp.Ball(packings.MATERIAL, D, mass=3e-3)]
+    state = gp.Crystal(balls, D * np.array([[1.0, 1.0], [1.0, -1.0]]), [[0.0, 0.0], [D, 0.0]]).at_force(10.0)
+    phonons, network = gp.Phonons(state), state.network
+    q = np.array([[0.31, 0.17], [0.44, 0.05]])
+    bands, errors = phonons.frequencies(q), []
+    # the energy of each mode in the two kinds of deformations: by Hellmann and Feynman, from stiffer springs
+    step = 1e-4
+    shares = []
+    for name in ("normal_stiffness", "shear_stiffness"):
+        ends = [
+            gp.Phonons(replace(network, **{name: getattr(network, name) * (1.0 + x)})).frequencies(q) for x in (step, -step)
+        ]
+        shares.append((ends[0] - ends[1]) / bands / step)
+    for size in (0.02, 0.01, 0.005):
+        if kind == "loss":
+            found = phonons.damped(q, loss_factor=(size, 3.0 * size))
+            expected = 0.5 * size * bands * (shares[0] + 3.0 * shares[1])
+        else:
+            c_n, c_t = (
+                size * VISCOSITY * one / UNITS.stiffness for one in (network.normal_stiffness, network.shear_stiffness)
+            )
+            found = phonons.damped(q, damping=(c_n, 2.0 * c_t))
+            tau = size * VISCOSITY / UNITS.stiffness
+            expected = np.pi * tau * bands**2 * (shares[0] + 2.0 * shares[1])
+        errors.append(np.max(np.abs(found.frequencies - bands - 1j * expected) / bands))
+    assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), 2.0, atol=0.1)
+    assert np.array_equal(phonons.damped(q).frequencies, bands)
+    assert np.all(np.isinf(phonons.damped(q).quality))
+
+
+def test_evenly_and_unevenly_damped_bands_are_one_where_they_meet():
+    network = ideal("triangular", 0.7)
+    q, c = np.array([[0.0, 0.0], [0.2, 0.1], [1 / 3, 1 / 3]]), 0.3 * VISCOSITY
+    even = gp.Phonons(network).damped(q, c, 0.02)
+    nearly = gp.Phonons(network).damped(q, (c, 0.7 * c * (1.0 + 1e-9)), 0.02)
+    assert_allclose(even.frequencies, nearly.frequencies, atol=1e-6 * HERTZ)
+    assert even.qpoints.shape == (3, 3)
+    waves = gp.Waves(network.repeat((3, 3))).damped_modes(24, damping=c, loss_factor=0.02)
+    assert np.min(np.abs(waves.frequencies[:, None] - even.frequencies[2]), axis=0) == pytest.approx(0.0, abs=1e-6 * HERTZ)
+
+
+def test_reciprocity_power_and_the_sum_of_modes(strip):
+    c, hertz = (0.1 * VISCOSITY, 0.2 * VISCOSITY), np.linspace(0.1, 3.0, 12) * HERTZ
+    waves = gp.Waves(strip)
+    one, other = (waves.response(hertz, (a, "x"), (b, "y"), c) for a, b in ((2, 11), (11, 2)))
+    swapped = waves.response(hertz, (11, "y"), (2, "x"), c)
+    assert_allclose(one.values, swapped.values, rtol=1e-10)
+    assert np.max(np.abs(one.values - other.values)) > 1e-3 * np.max(np.abs(one.values))
+    own = waves.response(hertz, (2, "x"), (2, "x"), c, quantity="velocity")
+    assert np.all(own.values.real > 0.0)
+    # local densities of all balls add up to the whole
+    whole = waves.dos(moments=128)
+    parts = [waves.local_dos(ball, whole.frequencies, moments=128) for ball in np.flatnonzero(strip.moving)]
+    assert_allclose(sum(one.values.sum(axis=1) for one in parts) / len(parts), whole.total, rtol=1e-9, atol=1e-12)
+    assert waves.local_dos(2, [1e9]).values.tolist() == [[0.0, 0.0, 0.0]]
+
+
+# -- another engine -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.claim("response-lammps")
+def test_driven_array_of_lammps_has_the_amplitude_and_the_phase():
+    try:
+        lmp = packings.start()
+    except (ImportError, OSError) as error:
+        pytest.skip(f"LAMMPS cannot be loaded: {error}")
+    # linear springs and dashpots, pressed by 1e-5 of a diameter, in units of k, M and d
+    count, ratio, c_n, c_t, press, force = 10, 0.7, 0.4, 0.3, 1e-5, 1e-8
+    side = count * (1.0 - press)
+    lmp.commands_string(f"""
+        units lj
+        dimension 2
+        boundary p p p
+        atom_style sphere
+        atom_modify map array
+        newton off
+        comm_modify vel yes
+        region box block 0 {side!r} 0 {side!r} -1 1
+        create_box 1 box""")
+    grid = np.stack(np.meshgrid(np.arange(count), np.arange(count), indexing="ij"), -1).reshape(-1, 2) * (1.0 - press)
+    lmp.create_atoms(100, list(range(1, 101)), [1] * 100, np.pad(grid, ((0, 0), (0, 1))).ravel().tolist())
+    lmp.commands_string(f"""
+        set group all diameter 1.0
+        set group all mass 1.0
+        pair_style granular
+        pair_coeff * * hooke 1.0 {c_n!r} tangential linear_history {ratio!r} {c_t / c_n!r} 1e9 damping velocity
+        neighbor 0.05 bin
+        timestep 0.02
+        fix flat all enforce2d
+        fix move all nve/sphere disc
+        thermo 1000000
+        group one id 1
+        group other id 56
+        variable push equal 0
+        fix drive one addforce v_push 0 0
+        variable pull equal 0
+        fix hold other addforce v_pull 0 0""")
+    source, receivers, omega = [(0, "x"), (55, (-1.0, 0.0))], [(23, "x"), (14, "y"), (54, "x")], np.array([0.5, 1.1, 1.7])
+    network = gp.ContactLattice.of("square", ratio).contact_network(gp.Units(1.0, 1.0, 1.0)).repeat((count, count))
+    disc = replace(network, inertias=np.full(100, 0.125))
+    found = gp.Waves(disc).response(omega / (2.0 * np.pi), source, receivers, (c_n, c_t))
+    rest = np.array(lmp.gather_atoms("x", 1, 3)).reshape(-1, 3)
+    for row, one in enumerate(omega.tolist()):
+        step = 2.0 * np.pi / one / 1000
+        lmp.commands_string(f"timestep {step!r}\nreset_timestep 0\nvelocity all set 0 0 0\nset group all omega 0 0 0")
+        lmp.scatter_atoms("x", 1, 3, (ctypes.c_double * 300)(*rest.ravel()))
+        for name, sign in (("push", 1.0), ("pull", -1.0)):
+            lmp.command(f"variable {name} equal {sign * force!r}*sin({one!r}*step*{step!r})")
+        lmp.command(f"run {1000 * max(8, math.ceil(300.0 * one / (2.0 * np.pi)))} post no")
+        heard, clock = [], []
+        for _ in range(8):
+            lmp.command("run 125 post no")
+            moved = np.array(lmp.gather_atoms("x", 1, 3)).reshape(-1, 3) - rest
+            heard.append([moved[23, 0], moved[14, 1], moved[54, 0]])
+            clock.append(lmp.extract_global("ntimestep") * step)
+        wave = np.exp(-1j * one * np.array(clock)) @ np.array(heard) * 2j / 8 / force
+        assert_allclose(wave, found.values[row], rtol=0.01, atol=0.01 * np.max(np.abs(found.values[row])))
+        assert abs(wave[0] / found.values[row, 0] - 1.0) < 0.01
+    lmp.close()
+
+
+# -- what is refused --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ({"source": (0, "x")}, "ball 0 of the source does not move. It is held"),
+        ({"receiver": (0, "x")}, "ball 0 of the receiver does not move"),
+        ({"source": (3, "x"), "quantity": "transmissibility"}, "ball 3 of the source moves"),
+        ({"receiver": []}, "there is no receiver"),
+        ({"source": []}, "there is no source"),
+        ({"source": (9, "x")}, "Balls have the indices 0 to 5"),
+        ({"source": (3, "y")}, "Balls move along x only"),
+        ({"source": 3}, "the source is 3"),
+        ({"source": (3, "r")}, "Use x, y, z, or a vector"),
+        ({"frequencies": [2.0, 1.0]}, "not sorted"),
+        ({"frequencies": [1.0, 1.0]}, "not sorted"),
+        ({"frequencies": [1.0 + 1j]}, "complex"),
+        ({"frequencies": [-1.0]}, "zero or above"),
+        ({"frequencies": []}, "frequencies"),
+        ({"damping": -1.0}, "damping: found -1"),
+        ({"damping": [0.1, 0.2]}, "damping has the shape"),
+        ({"damping": (0.1, 0.2)}, "no contact resists slip"),
+        ({"damping": (0.1, 0.2, 0.3)}, r"Give a number, or \(normal, tangential\)"),
+        ({"loss_factor": -0.1}, "loss_factor: found -0.1"),
+        ({"quantity": "force"}, "Use displacement, velocity, transmissibility"),
+        ({"method": "fast"}, "Use direct, krylov"),
+        ({"method": "krylov", "loss_factor": [0.1, 0.1, 0.1, 0.1, 0.2]}, "not damped alike"),
+        ({"frequencies": [2.0 * math.sin(0.5 * math.pi / 11) * HERTZ]}, "has no bound"),
+    ],
+)
+def test_bad_input_is_one_error(arguments, text):
+    given = {"frequencies": [HERTZ], "source": (3, "x"), "receiver": (5, "x")} | arguments
+    with pytest.raises(InputError, match=text):
+        gp.Waves(chain(6, ("clamped", "free"))).response(**given)
+
+
+def test_other_calls_refuse_what_they_cannot_find():
+    held = gp.Waves(chain(6, ("clamped", "free")))
+    with pytest.raises(InputError, match="ball 0 does not move"):
+        held.local_dos(0, [1.0])
+    with pytest.raises(InputError, match="only 5 cost energy"):
+        held.damped_modes(6, damping=np.linspace(0.0, 1.0, 5))
+    with pytest.raises(InputError, match="damping: found -1"):
+        gp.Phonons(ideal("chain", 0.0)).damped([[0.1]], damping=-1.0)
+    with pytest.raises(InputError, match="no body of this network is held"):
+        gp.Waves(chain(6)).response([1.0], "plane", (5, "x"), quantity="transmissibility")
+    with pytest.raises(InputError, match="the receiving plane has no distance"):
+        gp.Waves(ideal("chain", 0.0).repeat((6,))).response([1.0], "plane", "plane")
+    # a chain that nothing holds answers a steady force without bound
+    with pytest.raises(InputError, match="has no bound"):
+        gp.Waves(chain(6)).response([0.0], (0, "x"), (1, "x"))
