@@ -73,6 +73,10 @@ class ContactDamping:
         """Whether no energy is lost."""
         return not (np.any(self.times) or np.any(self.losses))
 
+    def soften(self, omega: Array) -> tuple[Complex, Complex]:
+        """Return the factors (n_f, n_c) of the stiffness in a motion exp(-i omega t): normal, and all other."""
+        return tuple(1.0 - 1j * (omega[:, None] * tau + eta) for tau, eta in zip(self.times, self.losses, strict=True))
+
     def find_even(self, network: ContactNetwork) -> tuple[float, float] | None:
         """Return (eta, tau) if all contacts have these in all deformations that they resist, without static forces."""
         if self.is_none:

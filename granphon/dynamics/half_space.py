@@ -135,7 +135,7 @@ class HalfSpace:
             np.tile(one[kept], len(rows))
             for one in (lower == 1, (lower == 0) & (upper == 1) & moving[cut.i] & moving[cut.j])
         )
-        self._kinds = np.repeat([row.kind for row in rows], len(kept))
+        self._kept, self._kinds = kept, [row.kind for row in rows]
 
     def blocks(self, q: Array) -> tuple[Complex, Complex, Complex]:
         """Return E_0, E and A, (n_q, size, size), at wave vectors q (n_q, p - 1) in fractions of the reciprocal cell."""
@@ -145,23 +145,20 @@ class HalfSpace:
         whole = rows.conj().swapaxes(1, 2) @ (self._stiff[:, None] * rows)
         return whole[:, :size, :size], whole[:, size:, size:], whole[:, :size, size:]
 
-    def couplings(self, q: Array, elongation: ArrayLike = 1.0, other: ArrayLike = 1.0) -> Couplings:
-        """Return the blocks at one wave vector q (p - 1,); contacts are as many times as stiff.
+    def couplings(self, q: Array, elongation: Any = 1.0, other: Any = 1.0) -> Couplings:
+        """Return the blocks at one wave vector q (p - 1,); contacts of :attr:`cut` are as many times as stiff.
 
-        The factors, of elongation and of all other deformations, are numbers or (n_f,), and complex where energy is lost.
+        The factors, of elongation and of all other deformations, are numbers or (n_f, n_c), complex where energy is lost.
         """
         size = self.size
         rows = np.tensordot(np.exp(2.0j * np.pi * (self._steps @ q)), self._matrix[:, :, : 2 * size], 1)
-        factors = {"elongation": np.asarray(elongation), "push": np.asarray(1.0)}
-        parts: list[Any] = []
+        weights, parts = self._stiff, []
+        if np.ndim(elongation):
+            each = {"elongation": elongation, "push": np.ones_like(elongation)}
+            weights = weights * np.concatenate([each.get(kind, other)[:, self._kept] for kind in self._kinds], axis=1)
         for chosen in (slice(None), self._crossing):
-            found: Any = 0.0
-            for kind in np.unique(self._kinds):
-                part = (self._kinds == kind)[chosen]
-                some, stiff = rows[chosen][part], self._stiff[chosen][part]
-                factor = factors.get(kind, np.asarray(other))
-                found = found + factor[..., None, None] * (some.conj().T @ (stiff[:, None] * some))
-            parts.append(found)
+            some = rows[chosen]
+            parts.append(some.conj().T @ (weights[..., chosen, None] * some))
         whole, cross = parts
         return Couplings(
             whole[..., size:, size:], cross[..., :size, :size], cross[..., size:, size:], whole[..., :size, size:],

@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.errors import InputError, message
 from granphon.base.results import Result
-from granphon.base.validation import finite_array, not_negative
+from granphon.base.validation import finite_array
 from granphon.dynamics.bloch_waves import find_bloch_waves
+from granphon.dynamics.damping import ContactDamping
 from granphon.dynamics.half_space import HalfSpace
 from granphon.networks.network import ContactNetwork
 
@@ -58,19 +59,17 @@ class ComplexBands(Result):
 
 
 def find_complex_bands(
-    network: ContactNetwork, frequencies: ArrayLike, axis: Any, q: ArrayLike, damping: float,
-    tangential_damping: float | None, loss_factor: float,
-) -> ComplexBands:  # fmt: skip
+    network: ContactNetwork, frequencies: ArrayLike, axis: Any, q: ArrayLike, damping: Any, loss_factor: Any
+) -> ComplexBands:
     """Find the complex bands of a network; the arguments are those of :meth:`Phonons.complex_bands`."""
-    at = finite_array("frequencies", frequencies, low="above zero")
+    at = finite_array("frequencies", frequencies, "Hz", "above zero")
     if at.ndim != 1 or not at.size:
         raise InputError(message(f"frequencies have the shape {at.shape}", mend="Give (n,) in Hz"))
-    tau = not_negative("damping", damping, "s")
-    across = tau if tangential_damping is None else not_negative("tangential_damping", tangential_damping, "s")
-    loss, space = not_negative("loss_factor", loss_factor), HalfSpace(network, axis)
+    space = HalfSpace(network, axis)
+    damped = ContactDamping.of(space.cut, damping, loss_factor)
     along, omega = space.read_wavevector(q), at / space.units.frequency
-    factors = (1.0 - 1j * (2.0 * np.pi * at * time + loss) for time in (tau, across)) if tau or across or loss else ()
-    senses = find_bloch_waves(space.couplings(along, *factors), omega**2, space.size // space.reach)
+    blocks = space.couplings(along, *(() if damped.is_none else damped.soften(2.0 * np.pi * at)))
+    senses = find_bloch_waves(blocks, omega**2, space.size // space.reach)
     size = space.size
     found = np.empty((len(at), 2, size), complex)
     for row, pair in zip(found, senses, strict=True):

@@ -322,9 +322,8 @@ class Phonons:
         )  # fmt: skip
 
     def complex_bands(
-        self, frequencies: ArrayLike, axis: Any = 0, q: ArrayLike = (), *, damping: float = 0.0,
-        tangential_damping: float | None = None, loss_factor: float = 0.0,
-    ) -> ComplexBands:  # fmt: skip
+        self, frequencies: ArrayLike, axis: Any = 0, q: ArrayLike = (), *, damping: Any = 0.0, loss_factor: Any = 0.0
+    ) -> ComplexBands:
         """Return all wave numbers across the layers at given frequencies, those of waves that decay included.
 
         Parameters
@@ -332,16 +331,15 @@ class Phonons:
         frequencies : (n_f,) Hz, above zero.
         axis : across the layers, as for :meth:`ContactNetwork.cut`; of a packing or network, not of other ``atoms``.
         q : (p - 1,) wave vector along the layers, in fractions of their reciprocal cell; zero by default.
-        damping, tangential_damping : s, viscosity over stiffness of each contact, in normal motion and in all other, as in
-            :meth:`Waves.transmit`; the second is by default the first.
-        loss_factor : part of the stiffness of each contact that loses energy at any frequency.
+        damping, loss_factor : viscosity of the dashpots of contacts, N s/m, and part of their stiffness that loses energy at
+            any frequency, as in :meth:`Waves.response`: numbers, or tuples of those of normal motion and of slip.
 
         Raises :class:`~granphon.base.errors.PrecisionError` for a frequency at the very edge of a band.
         """
         network = given_network(self.state)
         if len(self.atoms) != int(np.count_nonzero(network.moving)):
             raise InputError(message("other atoms than those of the state", mend="Give the network of the larger cell"))
-        return find_complex_bands(network, frequencies, axis, q, damping, tangential_damping, loss_factor)
+        return find_complex_bands(network, frequencies, axis, q, damping, loss_factor)
 
     def dos(
         self, mesh: Sequence[int] | None = None, method: Literal["tetrahedron", "smearing"] = "tetrahedron",

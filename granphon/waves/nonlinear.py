@@ -31,8 +31,10 @@ from granphon.balls.contact_laws import Hertz, PowerLaw
 from granphon.base.errors import ConvergenceError, InputError, brief, message
 from granphon.base.results import Result
 from granphon.base.validation import not_negative, positive, real_array, whole_number
+from granphon.dynamics.damping import ContactDamping
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.waves.operator import WaveOperator
+from granphon.waves.pulses import read_balls, read_vector
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -146,8 +148,8 @@ class NonlinearWaves:
     law : of the normal forces: :class:`~granphon.Hertz` (default), or a :class:`~granphon.PowerLaw` whose exponent is taken.
         The coefficient and the overlap of each contact follow from its force f and stiffness k: overlap a f/k.
     friction_coefficient : mu of Coulomb's limit of slip; by default contacts do not slide.
-    damping, tangential_damping : s, viscosity of the dashpots of each contact over its stiffness at rest, in normal motion
-        and in all other.
+    damping : viscosity of the dashpots of contacts, N s/m, as in :meth:`Waves.response`: a number or (n_c,), or a tuple of that
+        of normal motion and that of slip.
 
     Displacements are small against the balls: contacts keep the directions and lever arms of the network, and are those of
     the network; they open and close.
@@ -159,8 +161,7 @@ class NonlinearWaves:
     """
 
     def __init__(
-        self, x: Any, law: Any = None, *, friction_coefficient: float = math.inf, damping: float = 0.0,
-        tangential_damping: float | None = None,
+        self, x: Any, law: Any = None, *, friction_coefficient: float = math.inf, damping: Any = 0.0,
     ) -> None:  # fmt: skip
         self.network: ContactNetwork = given_network(x)
         if not isinstance(law, Hertz | PowerLaw | None):
@@ -183,9 +184,7 @@ class NonlinearWaves:
             if friction_coefficient == math.inf
             else not_negative("friction_coefficient", friction_coefficient)
         )
-        tau = not_negative("damping", damping, "s")
-        across = tau if tangential_damping is None else not_negative("tangential_damping", tangential_damping, "s")
-        self.damping = (tau, across)
+        self.damping = ContactDamping.of(self.network, damping).times
 
     def __repr__(self) -> str:
         network = self.network
@@ -235,25 +234,20 @@ class NonlinearWaves:
             wanted *= 0.5
 
 
-def _read_balls(given: Any, network: ContactNetwork) -> Index:
-    found, n = np.atleast_1d(np.asarray(given)), network.n_balls
-    if found.ndim != 1 or not found.size or found.dtype.kind not in "iu" or found.min() < 0 or found.max() >= n:
-        raise InputError(message(f"balls of a drive are {brief(given)}", mend=f"Give numbers from 0 to {n - 1}"))
-    return np.unique(found)
-
-
 class _System:
     """The equations of motion of a network with drives."""
 
     def __init__(self, waves: NonlinearWaves, drives: Sequence[Drive]) -> None:
-        from granphon.waves.pulses import read_vector as read_vector
 
         network, self.drives = waves.network, drives
         self.moved: list[tuple[Index, Array]] = []
         for one in drives:
             if not isinstance(one, Drive) or (one.displacement is None) == (one.force is None):
                 raise InputError(message(f"drive is {brief(one)}", mend="Give a Drive with a displacement or a force"))
-            balls, along = _read_balls(one.balls, network), read_vector("direction", one.direction, network.dimension)
+            balls, along = (
+                read_balls("drive", one.balls, network),
+                read_vector("direction", one.direction, network.dimension),
+            )
             if one.force is not None and not np.all(network.moving[balls]):
                 raise InputError(message("a force acts on a body that is held", mend="Give its displacement"))
             self.moved.append((balls, along))
@@ -270,7 +264,7 @@ class _System:
         self.ratio = np.array([row.stiffness / network.normal_stiffness for row in self.rows[1:]]).reshape(-1, n)
         self.slips = np.array([row.kind == "slip" for row in self.rows[1:]], bool)
         self.viscosity = np.array([
-            waves.damping[row.kind != "elongation"] * np.broadcast_to(row.stiffness, n) for row in self.rows
+            waves.damping[int(row.kind != "elongation")] * np.broadcast_to(row.stiffness, n) for row in self.rows
         ])  # fmt: skip
         self.held = np.zeros((len(self.rows) - 1, n))
         if network.tangential_force is not None:

@@ -192,7 +192,7 @@ class WaveOperator(LinearOperator[np.float64]):
         """Return C M^-1/2, (kinds x n_c, size): deformations from mass-weighted motions, as for :meth:`matrix_of_wave`."""
         return self._make_matrix(rows, [1.0] * len(rows), phase)
 
-    def matrix_of_wave(self, phase: NDArray[Any], elongation: complex = 1.0, other: complex = 1.0) -> csr_array[Any]:
+    def matrix_of_wave(self, phase: NDArray[Any], elongation: Any = 1.0, other: Any = 1.0) -> csr_array[Any]:
         """Return D of waves along the periods, across whose boundaries balls j of contacts move with the ``phase`` (n_c,).
 
         Contacts are as many times as stiff, in elongation and in all other deformations; complex where energy is lost.

@@ -16,8 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.errors import InputError, message
 from granphon.base.results import Result
-from granphon.base.validation import finite_array, not_negative
+from granphon.base.validation import finite_array
 from granphon.dynamics.bloch_waves import BlochWaves, Complex, Couplings, find_bloch_waves
+from granphon.dynamics.damping import ContactDamping
 from granphon.dynamics.half_space import HalfSpace
 from granphon.networks.network import given_network
 from granphon.waves.operator import WaveOperator
@@ -72,8 +73,8 @@ class Transmission(Result):
 
 
 def transmission(
-    left: Any, middle: Any, right: Any, frequencies: ArrayLike, *, axis: Any = 0, q: ArrayLike = (), damping: float = 0.0,
-    tangential_damping: float | None = None, loss_factor: float = 0.0,
+    left: Any, middle: Any, right: Any, frequencies: ArrayLike, *, axis: Any = 0, q: ArrayLike = (), damping: Any = 0.0,
+    loss_factor: Any = 0.0,
 ) -> Transmission:  # fmt: skip
     """Find what part of the energy of waves passes a strip between two half-infinite crystals.
 
@@ -86,9 +87,9 @@ def transmission(
     frequencies : (n_f,) Hz, ascending, above zero.
     axis : across the layers of both leads, as for :meth:`ContactNetwork.cut`.
     q : (p - 1,) wave vector along the layers, in fractions of their reciprocal cell; zero by default.
-    damping, tangential_damping : s, viscosity over stiffness of the strip's contacts, in normal motion and in all other, as
-        in :meth:`Waves.transmit`; the second is by default the first.
-    loss_factor : part of the stiffness of the strip's contacts that loses energy at any frequency.
+    damping, loss_factor : viscosity of the dashpots of the strip's contacts, N s/m, and part of their stiffness that loses
+        energy at any frequency, as in :meth:`Waves.response`: numbers or (n_c,), or tuples of those of normal motion and of
+        slip.
 
     Raises
     ------
@@ -98,13 +99,10 @@ def transmission(
     at = finite_array("frequencies", frequencies, low="above zero")
     if at.ndim != 1 or not at.size or np.any(np.diff(at) <= 0.0):
         raise InputError(message(f"frequencies are not ascending, or have the shape {at.shape}", mend="Give (n,) in Hz"))
-    tau = not_negative("damping", damping, "s")
-    across = tau if tangential_damping is None else not_negative("tangential_damping", tangential_damping, "s")
-    loss = not_negative("loss_factor", loss_factor)
     leads = [_Lead.of(one, axis, q) for one in (left, right)]
     first, last = leads
     strip = given_network(last.space.network.cut(axis, last.space.reach + 1) if middle is None else middle)
-    operator = WaveOperator(strip)
+    operator, damped = WaveOperator(strip), ContactDamping.of(strip, damping, loss_factor)
     if len({(one.name, one.letters) for one in (first.space.motions, last.space.motions, operator.motions)}) > 1:
         what = "the motions of the balls differ between the leads and the strip"
         raise InputError(message(what, "A wave would have no motion to go on with", "Use the same motions, and friction"))
@@ -114,11 +112,11 @@ def transmission(
     omega = 2.0 * np.pi * at
     waves = [find_bloch_waves(lead.blocks, omega**2, lead.space.size // lead.space.reach) for lead in leads]
     phase = np.exp(2.0j * np.pi * (strip.shift[:, : len(first.q)] @ first.q))
-    lossless = None if tau or across or loss else operator.matrix_of_wave(phase).tocsc()
+    lossless = operator.matrix_of_wave(phase).tocsc() if damped.is_none else None
+    normal, other = damped.soften(omega)
     found = []
     for place, frequency in enumerate(omega):
-        factors = (1.0 - 1j * (frequency * time + loss) for time in (tau, across))
-        matrix = operator.matrix_of_wave(phase, *factors).tocsc() if lossless is None else lossless
+        matrix = operator.matrix_of_wave(phase, normal[place], other[place]).tocsc() if lossless is None else lossless
         found.append(_scatter(frequency**2, matrix, leads, ends, [one[place] for one in waves]))
     modes = np.array([one.shape for _, one in found])[:, ::-1]
     most = int(modes.max(initial=0))

@@ -182,7 +182,7 @@ def test_a_damped_ball_between_two_that_are_held():
     network = line(10.0, 3)
     network = replace(network, masses=np.where([True, False, True], np.inf, network.masses))
     k, mass, tau = network.normal_stiffness[0], network.masses[1], 2e-6
-    motion = gp.NonlinearWaves(network, damping=tau).run(2e-3, velocities=push(network, 1e-6, 1), frames=401)
+    motion = gp.NonlinearWaves(network, damping=tau * k).run(2e-3, velocities=push(network, 1e-6, 1), frames=401)
     own, rate = math.sqrt(2.0 * k / mass), tau * k / mass
     shaken = math.sqrt(own**2 - rate**2)
     wanted = 1e-6 / shaken * np.exp(-rate * motion.times) * np.sin(shaken * motion.times)
