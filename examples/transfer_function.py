@@ -23,14 +23,14 @@ state = gp.Crystal.on("chain", [STEEL, ALUMINIUM]).at_force(20.0)
 chain = state.network.cut(0, 8, edges=("floor", "free"))
 waves, gap = gp.Waves(chain), gp.Phonons(state).gaps()[0]
 frequencies = np.linspace(20.0, 10e3, 1500)
-viscosities = (2.0, 20.0)
-responses = [waves.response(frequencies, "plane", "plane", damping, quantity="transmissibility") for damping in viscosities]
+dampings = (2e-7, 2e-6)  # s
+responses = [waves.response(frequencies, "plane", "plane", damping, quantity="transmissibility") for damping in dampings]
 
 # %%
 # At rest the chain moves with the wall. The mode of the free end is at :math:`\omega^2=k(1/M+1/m)`, halfway
 # between the squares of the edges of the gap.
 
-modes = waves.damped_modes(3, damping=viscosities[0])
+modes = waves.damped_modes(3, damping=dampings[0])
 print("Q of the lowest modes:", np.round(modes.quality))
 inside = np.abs(frequencies - np.mean(gap)) < 1e3
 peak = frequencies[inside][np.argmax(responses[0].magnitude[inside, 0])]
@@ -40,12 +40,12 @@ assert np.allclose(waves.response([0.0], "plane", "plane", quantity="transmissib
 with matplotlib.rc_context(STYLE):
     figure = Figure((1.4 * COLUMN_WIDTH, 3.8), dpi=DPI, layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
-    for response, damping, colour in zip(responses, viscosities, COLOURS, strict=False):
+    for response, damping, colour in zip(responses, dampings, COLOURS, strict=False):
         plot_response(response, above, below)
         for ax in (above, below):
-            ax.lines[-1].set(color=colour, label=f"{damping:g} N s/m")
+            ax.lines[-1].set(color=colour, label=f"{1e6 * damping:g} µs")
     for ax in (above, below):
         ax.axvspan(*gap / 1e3, color=GUIDE, alpha=0.3, linewidth=0.0)
-    above.legend(title="damping", loc="lower left")
+    above.legend(title="damping c/k", loc="lower left")
 if "-o" in sys.argv:
     figure.savefig(sys.argv[-1])

@@ -50,23 +50,14 @@ class ContactDamping:
 
         Parameters
         ----------
-        damping : viscosity c_n of normal motion, N s/m, a number or (n_c,), with which that of all other deformations is in
-            proportion to their stiffness; or the tuple (c_n, c_t) of it and that of slip, with which those of twist and
-            rolling are in that proportion. c_t acts where a contact resists slip.
+        damping : tau = c/k of all deformations, s, a number or (n_c,); or a tuple of that of normal motion and of others.
         loss_factor : eta, a number or (n_c,); or a tuple of that of normal motion, and of all other.
 
-        Raises :class:`~granphon.base.errors.InputError` for numbers below zero or not finite, for arrays of another length,
-        and for a viscosity of slip where no contact resists it.
+        Raises :class:`~granphon.base.errors.InputError` for numbers below zero or not finite, and for arrays of another
+        length.
         """
-        slip = network.shear_stiffness
-        given = _read_pair("damping", damping, network.n_contacts, "N s/m")
-        times = given / network.normal_stiffness
-        if isinstance(damping, tuple):
-            if np.any(given[1]) and not np.any(slip):
-                what = "there is a damping of slip, and no contact resists slip"
-                raise InputError(message(what, mend="Use friction, or give the damping of normal motion alone"))
-            times[1] = np.divide(given[1], slip, out=np.zeros(len(slip)), where=slip > 0.0)
-        return cls(times, _read_pair("loss_factor", loss_factor, network.n_contacts, ""))
+        pairs = (("damping", damping, "s"), ("loss_factor", loss_factor, ""))
+        return cls(*(_read_pair(name, given, network.n_contacts, unit) for name, given, unit in pairs))
 
     @property
     def is_none(self) -> bool:

@@ -152,12 +152,12 @@ class HalfSpace:
         """
         size = self.size
         rows = np.tensordot(np.exp(2.0j * np.pi * (self._steps @ q)), self._matrix[:, :, : 2 * size], 1)
-        weights, parts = self._stiff, []
+        weights, parts = self._stiff, list[Complex]()
         if np.ndim(elongation):
             each = {"elongation": elongation, "push": np.ones_like(elongation)}
             weights = weights * np.concatenate([each.get(kind, other)[:, self._kept] for kind in self._kinds], axis=1)
         for chosen in (slice(None), self._crossing):
-            some = rows[chosen]
+            some = np.asarray(rows[chosen], complex)
             parts.append(some.conj().T @ (weights[..., chosen, None] * some))
         whole, cross = parts
         return Couplings(

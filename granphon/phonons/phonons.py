@@ -235,8 +235,8 @@ class Phonons:
         Parameters
         ----------
         qpoints : (n_q, p) or (n_q, 3) fractions of the reciprocal cell.
-        damping : viscosity of normal motion, N s/m, a number or one for each contact of the network of the state; or a tuple
-            of that and that of slip; see :meth:`gp.Waves.response`.
+        damping : s, viscosity over stiffness, a number or one for each contact of the network of the state; or a tuple of
+            that of normal motion and of all other, as for :meth:`gp.Waves.response`.
         loss_factor : eta of the complex stiffness k (1 + i eta), a number or one for each contact, or a tuple of two.
 
         Raises :class:`~granphon.base.errors.InputError` for a damping below zero, and for another cell than that of the
@@ -331,8 +331,8 @@ class Phonons:
         frequencies : (n_f,) Hz, above zero.
         axis : across the layers, as for :meth:`ContactNetwork.cut`; of a packing or network, not of other ``atoms``.
         q : (p - 1,) wave vector along the layers, in fractions of their reciprocal cell; zero by default.
-        damping, loss_factor : viscosity of the dashpots of contacts, N s/m, and part of their stiffness that loses energy at
-            any frequency, as in :meth:`Waves.response`: numbers, or tuples of those of normal motion and of slip.
+        damping, loss_factor : viscosity of contacts over their stiffness, s, and part of the stiffness that loses energy at
+            any frequency, as in :meth:`Waves.response`: numbers, or tuples of those of normal and of all other motion.
 
         Raises :class:`~granphon.base.errors.PrecisionError` for a frequency at the very edge of a band.
         """

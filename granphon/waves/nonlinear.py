@@ -148,8 +148,8 @@ class NonlinearWaves:
     law : of the normal forces: :class:`~granphon.Hertz` (default), or a :class:`~granphon.PowerLaw` whose exponent is taken.
         The coefficient and the overlap of each contact follow from its force f and stiffness k: overlap a f/k.
     friction_coefficient : mu of Coulomb's limit of slip; by default contacts do not slide.
-    damping : viscosity of the dashpots of contacts, N s/m, as in :meth:`Waves.response`: a number or (n_c,), or a tuple of that
-        of normal motion and that of slip.
+    damping : viscosity of contacts over their stiffness at rest, s, as in :meth:`Waves.response`: a number or (n_c,), or a
+        tuple of that of normal and of all other motion.
 
     Displacements are small against the balls: contacts keep the directions and lever arms of the network, and are those of
     the network; they open and close.

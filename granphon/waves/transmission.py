@@ -87,9 +87,9 @@ def transmission(
     frequencies : (n_f,) Hz, ascending, above zero.
     axis : across the layers of both leads, as for :meth:`ContactNetwork.cut`.
     q : (p - 1,) wave vector along the layers, in fractions of their reciprocal cell; zero by default.
-    damping, loss_factor : viscosity of the dashpots of the strip's contacts, N s/m, and part of their stiffness that loses
-        energy at any frequency, as in :meth:`Waves.response`: numbers or (n_c,), or tuples of those of normal motion and of
-        slip.
+    damping, loss_factor : viscosity of the strip's contacts over their stiffness, s, and part of the stiffness that loses
+        energy at any frequency, as in :meth:`Waves.response`: numbers or (n_c,), or tuples of those of normal and of all
+        other motion.
 
     Raises
     ------

@@ -209,9 +209,8 @@ class Waves:
             ball. With ``quantity="transmissibility"`` the source is a body that does not move by itself, such as a wall, a
             floor or a clamped ball, and is moved; "plane" is then the first of these.
         receiver : likewise, one for each ball; "plane" is the last plane of balls, or that at the ``distance``.
-        damping : viscosity c of the dashpot beside the spring of each contact, N s/m. A number or an array (n_c,) is that of
-            normal motion; slip, twist and rolling have c over stiffness in common with it. A tuple (c_n, c_t) is that of
-            normal motion, and that of slip, with which twist and rolling have c over stiffness in common.
+        damping : s, the viscosity c of each contact over its stiffness k, as in :meth:`transmit`: a number or (n_c,), or a
+            tuple of that in normal motion and in all other.
         loss_factor : eta of the complex stiffness k (1 + i eta), a number or (n_c,), or a tuple of two, as the damping.
         quantity : "displacement", of the balls over the force, m/N; "velocity", m/(N s); or "transmissibility", the
             displacement of the balls over that of the source.
@@ -240,7 +239,7 @@ class Waves:
         Parameters
         ----------
         count, nearest : number of modes, and the frequency, Hz, to which their real parts are nearest; None for the lowest.
-        damping, loss_factor : of the contacts, N s/m and a number, as for :meth:`response`.
+        damping, loss_factor : of the contacts, s and a number, as for :meth:`response`.
 
         Where all contacts are damped alike they are those of :meth:`modes`. Else all are found up to 300 motions of all
         balls; larger networks are factorised once, up to 300,000 motions in the plane and 12,000 in space.

@@ -182,7 +182,7 @@ def test_a_damped_ball_between_two_that_are_held():
     network = line(10.0, 3)
     network = replace(network, masses=np.where([True, False, True], np.inf, network.masses))
     k, mass, tau = network.normal_stiffness[0], network.masses[1], 2e-6
-    motion = gp.NonlinearWaves(network, damping=tau * k).run(2e-3, velocities=push(network, 1e-6, 1), frames=401)
+    motion = gp.NonlinearWaves(network, damping=tau).run(2e-3, velocities=push(network, 1e-6, 1), frames=401)
     own, rate = math.sqrt(2.0 * k / mass), tau * k / mass
     shaken = math.sqrt(own**2 - rate**2)
     wanted = 1e-6 / shaken * np.exp(-rate * motion.times) * np.sin(shaken * motion.times)
@@ -283,7 +283,7 @@ def test_a_ball_that_flies_off_and_a_step_too_long():
         ({"duration": 0.0}, "duration"), ({"velocities": np.ones((3, 3))}, "velocities has the shape"),
         ({"displacements": np.full((4, 3), np.nan)}, "displacements"), ({"frames": 1}, "frames"),
         ({"drive": gp.Drive(0, (1, 0, 0))}, "drive is"), ({"drive": 3}, "drive"),
-        ({"drive": gp.Drive(9, (1, 0, 0), force=lambda time: 1.0)}, "balls of a drive"),
+        ({"drive": gp.Drive(9, (1, 0, 0), force=lambda time: 1.0)}, "Balls have the indices"),
         ({"drive": gp.Drive(0, (1, 0, 0), displacement=lambda time: 1e-6)}, "begin at zero"),
         ({"drive": gp.Drive(0, (0, 0, 0), force=lambda time: 1.0)}, "direction"), ({"step": -1.0}, "step"),
     ],
