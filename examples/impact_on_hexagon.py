@@ -1,5 +1,5 @@
 r"""An impact on a hexagonal array
-===============================
+==============================
 
 A ball at the lower edge of a triangular array of steel balls gets a velocity of 0.5 m/s upwards. Behind the front balls
 spin, and some contacts open. Shown are the speeds of all balls at three times, and where the energy is.
@@ -40,6 +40,6 @@ with matplotlib.rc_context(STYLE):
     ):
         panels[3].plot(motion.times * 1e6, values / motion.energy[0], color=colour, linewidth=0.9, label=label)
     panels[3].set(xlabel="Time (µs)", ylabel="Part of the energy", ylim=(0.0, 1.0))
-    panels[3].legend(fontsize=6)
+    panels[3].legend(fontsize=7, handlelength=1.0)
 if "-o" in sys.argv:
     figure.savefig(sys.argv[-1])

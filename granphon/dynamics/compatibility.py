@@ -456,7 +456,8 @@ class Compatibility:
     def damped_matrices(self, wavevectors: ArrayLike, times: Array, losses: Array) -> tuple[NDArray[Any], NDArray[Any]]:
         """Return D(q) with complex stiffnesses, and that of dashpots, (n_q, n_branches, n_branches), in a common frame.
 
-        ``times``, in (M/k)^1/2, and ``losses`` are (2, n_c), see :class:`granphon.dynamics.damping.ContactDamping`.
+        ``wavevectors`` are (n_q, p), 1/d; ``times``, in (M/k)^1/2, and ``losses`` are (2, n_c), those of
+        :class:`granphon.dynamics.damping.ContactDamping`.
         """
         rows = self.compatibility(wavevectors)
         of_rows = [[one[int(row.kind != "elongation")] for row in self.rows] for one in (times, losses)]

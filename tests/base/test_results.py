@@ -253,6 +253,12 @@ def every(packing, results):
     runs = [gp.transmission(surface.network, strip, surface.network, [1e3, 2e3], axis=1)] * 2
     longer = gp.transmission(surface.network, surface.network.cut(1, 4), surface.network, [1e3, 2e3], axis=1)
     found += [runs[0], gp.scattering_lengths([*runs, longer, longer])]
+    still = gp.Waves(strip)
+    found += [
+        still.response([1e3, 2e3], (0, "x"), (1, "x"), 1e-6),
+        still.local_dos(0, [1e3]),
+        still.damped_modes(2, damping=1e-6),
+    ]
     found.append(gp.NonlinearWaves(strip).run(1e-5, velocities=np.full((strip.n_balls, 3), 1e-3), frames=2))
     return {type(result): result for result in found}
 
