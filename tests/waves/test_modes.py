@@ -39,6 +39,8 @@ METHODS = {"dense": (10**6, 10**6), "factorised": (1, 10**6), "filtered": (1, 1)
 def limits(monkeypatch):
     """Set the limits of the methods: those of ``METHODS``, or a constant of the filters by its name."""
 
+    assert gp.Waves  # its module takes the limits when it is first loaded: before they are changed here
+
     def set_limits(method=None, **constants):
         if method is not None:
             constants |= {"DENSE": METHODS[method][0], "LARGEST_FACTORS": dict.fromkeys((1, 2, 3), METHODS[method][1])}
