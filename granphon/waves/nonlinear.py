@@ -238,8 +238,7 @@ class _System:
     """The equations of motion of a network with drives."""
 
     def __init__(self, waves: NonlinearWaves, drives: Sequence[Drive]) -> None:
-
-        network, self.drives = waves.network, drives
+        network, self.drives, masses = waves.network, drives, waves.network.masses.copy()
         self.moved: list[tuple[Index, Array]] = []
         for one in drives:
             if not isinstance(one, Drive) or (one.displacement is None) == (one.force is None):
@@ -251,8 +250,6 @@ class _System:
             if one.force is not None and not np.all(network.moving[balls]):
                 raise InputError(message("a force acts on a body that is held", mend="Give its displacement"))
             self.moved.append((balls, along))
-        masses = network.masses.copy()
-        for one, (balls, _) in zip(drives, self.moved, strict=True):
             if one.displacement is not None:
                 masses[balls] = np.inf
         self.network = replace(network, masses=masses)
