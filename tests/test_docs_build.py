@@ -34,7 +34,7 @@ _FOREIGN = {
     "ArrayLike",
 }  # fmt: skip
 #: arguments whose types are of the inside
-_INSIDE = {"Analysis", "Plan", "SampleWaves", "Store"}
+_INSIDE = {"Analysis", "ExactPlace", "Plan", "SampleWaves", "Store"}
 
 
 @pytest.fixture(scope="module")

@@ -51,6 +51,8 @@ _LEAST_TOLERANCE = 1e-12
 _NEWTON_STEPS = 400
 #: trials of a line search, at most
 _LENGTHS = 12
+#: part of a step that is tried next if no balls touch at its end
+_CLOSER = 0.03
 #: fraction of contacts that are stiff, above which Green's function is kept: of many contacts with light forces it knows
 #: nothing, so that factors pay earlier than on the lattice
 _MOST_STIFF = 0.8
@@ -292,24 +294,28 @@ class _Path:
         geometry, stencils = self._geometry, self._geometry.stencils
         cages, heavy = Cages(geometry), self._start.forces > _LIGHT * self._start.force
         loose = (stencils.around(heavy.astype(float)) <= len(stencils.shape)).ravel()
-        trial = _Trial(geometry.place(self._start.balls, self._overlap), self._load)
+        trial = self._try(self._start.balls, self._overlap)
         for _ in range(_ROUNDS):
             outside = float(np.max(trial.on_balls, where=~loose, initial=0.0))
             if np.any(trial.on_balls[loose]):
                 least = max(_FINER * self._tolerance, 0.5 * _LEAST_TOLERANCE, _OF_LOOSE * min(geometry.ratio, outside))
-                trial = self._try(cages.settle(trial.balls, trial.overlap, loose, trial.force, least), trial.overlap)
+                settled = cages.settle(trial.balls, trial.overlap, loose, trial.force, least)
+                trial = self._try(settled, trial.overlap, far=True)
+                if not trial.force > 0.0:  # the balls that bore the load are among them: all are led to rest together
+                    return None
             if trial.left <= self._tolerance and trial.missed <= LOAD_TOLERANCE:
                 trial, state = self._probe(trial)
                 if state or self._saddles > _MOST_SADDLES:
                     return state
             before = max(trial.left, trial.missed)
             step = self._find_step(trial, truly=True)
-            ahead = self._try(trial.balls + step.balls, trial.overlap + step.compression)
+            ahead = self._try(trial.balls + step.balls, trial.overlap + step.compression, far=True)
             slope, length = trial.slope(step), 1.0
             # away from a saddle a step with the other sign is as long as the way so far: go on while the energy falls faster
             while ahead.slope(step) < slope and length < _LONGEST:
                 slope, length = ahead.slope(step), 2.0 * length
-                farther = self._try(trial.balls + length * step.balls, trial.overlap + length * step.compression)
+                balls, overlap = trial.balls + length * step.balls, trial.overlap + length * step.compression
+                farther = self._try(balls, overlap, far=True)
                 if farther.left > _TOO_FAR or farther.slope(step) > slope:
                     break
                 ahead = farther
@@ -348,10 +354,15 @@ class _Path:
         """Return the state after a step of Newton's method, as far along it as the energy falls fast."""
         step = self._find_step(trial)
         first = trial.slope(step)
-        low, high, at_low, length = 0.0, math.inf, first, 1.0
+        low, high, at_low, length, kept = 0.0, math.inf, first, 1.0, trial
         for _ in range(_LENGTHS):
-            there = self._try(trial.balls + length * step.balls, trial.overlap + length * step.compression)
+            there = self._try(trial.balls + length * step.balls, trial.overlap + length * step.compression, far=True)
             slope = there.slope(step)
+            if not there.force > 0.0:  # so far along a step with hardly any curvature that no balls touch
+                high = length
+                length = low + _CLOSER * (high - low)
+                continue
+            kept = there
             if abs(slope) <= 0.3 * abs(first) or (slope < 0.0 and high == math.inf):
                 break
             if slope > 0.0:
@@ -360,10 +371,14 @@ class _Path:
             else:
                 low, at_low = length, slope
                 length = 0.5 * (low + high)
-        return there
+        return kept
 
-    def _try(self, balls: Array, overlap: float) -> _Trial:
-        return _Trial(self._geometry.place(balls, overlap), self._load)
+    def _try(self, balls: Array, overlap: float, far: bool = False) -> _Trial:
+        """Return the state with these displacements; one that is ``far``, along a step, may be without load."""
+        found = _Trial(self._geometry.place(balls, overlap), self._load)
+        if not (far or found.force > 0.0):
+            raise InputError(message(f"at an overlap of {overlap:.6g} widths this sample carries no load"))
+        return found
 
     def _find_step(self, trial: _Trial, truly: bool = False) -> Motion:
         """Return the step of Newton's method; see :meth:`~granphon.array.geometry.ExactGeometry.solve`."""
@@ -433,11 +448,11 @@ class _Trial:
         self.pull = place.pull(self.forces, none)
         self.push = self.root.size * find_lack(load, place, self.forces, none)
         squares = np.sum(stencils.cartesian(self.pull) ** 2, axis=0).ravel()
-        if not self.force > 0.0:
-            raise InputError(message(f"at an overlap of {self.overlap:.6g} widths this sample carries no load"))
-        #: forces left on the balls, one after the other, over the mean force; and the most
-        self.on_balls = np.sqrt(squares) / self.force
-        self.left, self.missed = float(np.max(self.on_balls)), abs(self.push) / (self.root.size * self.force)
+        #: forces left on the balls, one after the other, over the mean force, and the most; infinite without any contact
+        self.on_balls, self.left, self.missed = np.full(squares.shape, np.inf), math.inf, math.inf
+        if self.force > 0.0:
+            self.on_balls = np.sqrt(squares) / self.force
+            self.left, self.missed = float(np.max(self.on_balls)), abs(self.push) / (self.root.size * self.force)
 
     def slope(self, step: Motion) -> float:
         """Return the slope of the energy along a step."""

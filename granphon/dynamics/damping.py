@@ -110,8 +110,8 @@ class DampedModes(Result):
     units = {"frequencies": "Hz"}
     _shapes = {"frequencies": "q m|m", "vectors": "m n c?", "qpoints": "q 3?"}
 
-    frequencies: Complex
-    vectors: Complex | None = None
+    frequencies: NDArray[np.complex128]
+    vectors: NDArray[np.complex128] | None = None
     qpoints: Array | None = None
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:

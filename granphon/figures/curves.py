@@ -295,13 +295,13 @@ def label_axes(ax: Axes, curves: Sequence[Curve], x: str, y: str) -> None:
         name_axis(getattr(ax, f"{which}axis"), most, axis_label(name, ""), unit)
 
 
-def make_handle(look: Look, label: str, points: bool) -> Line2D:
+def _make_handle(look: Look, label: str, points: bool) -> Line2D:
     """Return the entry of the legend for a curve with a look, as points or as a line."""
     line: dict[str, Any] = {"linewidth": min(look.width, 1.6)} | ({"dashes": look.dashes} if look.dashes else {})
     return Line2D([], [], color=look.colour, label=label, **({"marker": look.marker} | _POINTS if points else line))
 
 
-def make_remarks(curves: Sequence[Curve]) -> list[Line2D]:
+def _make_remarks(curves: Sequence[Curve]) -> list[Line2D]:
     """Return the last entries of a legend: loads at which a medium is not valid, and media that automatic ones chose."""
     handles, grey = list[Line2D](), dict[str, Any](color="0.3")
     if not all(np.all(curve.valid) for curve in curves):
@@ -489,16 +489,16 @@ def _draw_sweep(dataset: Dataset, ax: Axes, variable: str, x: str | None) -> tup
     several, handles = len(media) > 1, list[Line2D]()
     if several or count == 1:
         named = zip(media, simulated, strict=True)
-        handles = [make_handle(look, group[0].facts["medium"], points) for (look, group), points in named]
+        handles = [_make_handle(look, group[0].facts["medium"], points) for (look, group), points in named]
     if count > 1:
         kinds, _ = find_differing([curve.facts for curve in groups[0]])
         grey, chosen = _make_shades("0.5" if several else COLOURS[0], count), pick_evenly(count, _MOST_NAMED)
         for n in chosen:
             words = ", ".join(groups[0][n].facts[kind] for kind in kinds)
-            handles.append(make_handle(Look(grey[n], 1.5), words, all(simulated)))
+            handles.append(_make_handle(Look(grey[n], 1.5), words, all(simulated)))
         if len(chosen) < count:
             handles.append(Line2D([], [], linestyle="none", label=f"{len(chosen)} of {count} are named"))
-    return curves, handles + make_remarks(curves)
+    return curves, handles + _make_remarks(curves)
 
 
 def _make_shades(name: str, count: int) -> list[Any]:
@@ -559,7 +559,7 @@ def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None
         # what tells the slow transverse wave from the fast one, and the marks of pulses
         for name in [one for one in _VELOCITY_MARKERS if one in velocities and (one == _PULSE or _SLOW in velocities)]:
             look = Look("0.3", 1.2, _SLOW_DASHES if name == _SLOW else None, _VELOCITY_MARKERS[name])
-            handles.append(make_handle(look, _VELOCITIES[name], points or name == _PULSE))
+            handles.append(_make_handle(look, _VELOCITIES[name], points or name == _PULSE))
         alone = dataset.sizes["medium"] == 1 and handles[0].get_label() != medium
         # in lines for which a column has room
         title, *labels = (
@@ -947,7 +947,7 @@ def _draw_curves(ax: Axes, found: list[Curve], measured: list[Curve], x: str, y:
     groups: dict[str, list[Line2D]] = {"": []}
     for curve, look, (heading, label) in zip(models, make_looks(len(models)), labels, strict=True):
         draw_curve(ax, curve, look, y)
-        groups.setdefault(heading, []).append(make_handle(look, label, curve.as_points and not curve.served))
+        groups.setdefault(heading, []).append(_make_handle(look, label, curve.as_points and not curve.served))
     handles = groups.pop("")
     headed = [one for text, group in groups.items() for one in (Line2D([], [], linestyle="none", label=text), *group)]
     for n, curve in enumerate(points):
@@ -957,7 +957,7 @@ def _draw_curves(ax: Axes, found: list[Curve], measured: list[Curve], x: str, y:
         error = None if np.all(np.isnan(curve.error)) else curve.error
         ax.errorbar(curve.x, curve.y, error, elinewidth=0.7, gid=f"measured-{n}", zorder=3.0, **style)
         handles.append(Line2D([], [], label=join_facts(told, _LETTERS), **style))
-    handles += make_remarks(models) + headed
+    handles += _make_remarks(models) + headed
     label_axes(ax, [*models, *points], x, y)
     return handles, common
 

@@ -94,7 +94,7 @@ class Response(Result):
     _notebook_fields = ("method",)
 
     frequencies: Array
-    values: Complex
+    values: NDArray[np.complex128]
     quantity: str
     sources: Index
     pushes: Array
@@ -122,7 +122,7 @@ class Response(Result):
         return np.unwrap(np.angle(self.values), axis=0)
 
     @property
-    def coherent(self) -> Complex:
+    def coherent(self) -> NDArray[np.complex128]:
         """(n_f,) mean over the receivers, as that of a plane."""
         return np.asarray(np.mean(self.values, axis=1))
 

@@ -59,7 +59,7 @@ class Transmission(Result):
     reflected: Array
     transmitted_by_mode: Array
     reflected_by_mode: Array
-    amplitudes: Complex
+    amplitudes: NDArray[np.complex128]
     wavenumbers: Array
     length: float
 
