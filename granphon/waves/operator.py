@@ -197,12 +197,11 @@ class WaveOperator(LinearOperator[np.float64]):
 
         Contacts are as many times as stiff, in elongation and in all other deformations; complex where energy is lost.
         """
-        network, count = self.network, self.network.n_contacts
-        stiff = [row.stiffness * (elongation if row.kind == "elongation" else other) for row in self.rows]
-        rows = self.rows
-        if network.prestress:
-            across = push_rows(network.normal[:, : network.dimension], self.motions)
-            rows, stiff = rows + across, stiff + [-network.normal_force / network.distance] * len(across)
+        count, rows = self.network.n_contacts, self.rows
+        stiff = [row.stiffness * (elongation if row.kind == "elongation" else other) for row in rows]
+        if self._pushed is not None:
+            across, roots = self._pushed
+            rows, stiff = rows + across, stiff + [-(root**2) for root in roots]
         one = self.compose(rows, phase)
         weights = np.concatenate([np.broadcast_to(each, count) for each in stiff])
         found: csr_array[Any] = (one.conj().T.tocsr() @ one.multiply(weights[:, None]).tocsr()).tocsr()
