@@ -32,6 +32,7 @@ from granphon.base.errors import ConvergenceError, InputError, brief, message
 from granphon.base.results import Result
 from granphon.base.validation import not_negative, positive, real_array, whole_number
 from granphon.dynamics.damping import ContactDamping
+from granphon.dynamics.rows import weigh_rows
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.waves.operator import WaveOperator
 from granphon.waves.pulses import read_balls, read_vector
@@ -260,9 +261,8 @@ class _System:
         self.back = self.forward.T.tocsr()
         self.ratio = np.array([row.stiffness / network.normal_stiffness for row in self.rows[1:]]).reshape(-1, n)
         self.slips = np.array([row.kind == "slip" for row in self.rows[1:]], bool)
-        self.viscosity = np.array([
-            waves.damping[int(row.kind != "elongation")] * np.broadcast_to(row.stiffness, n) for row in self.rows
-        ])  # fmt: skip
+        self.viscosity = weigh_rows(self.rows, waves.damping)
+        self.viscosity = self.viscosity * np.array([np.broadcast_to(row.stiffness, n) for row in self.rows])
         self.held = np.zeros((len(self.rows) - 1, n))
         if network.tangential_force is not None:
             axes = list(operator.motions.translations)
@@ -472,7 +472,7 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
     def find(times: int) -> tuple[Any, Any]:
         """Return D and the elongations (n_c, size) of the harmonic of this number, dense."""
         phase = np.exp(times * turn)
-        return operator.matrix_of_wave(phase).toarray(), operator.compose(operator.rows, phase).toarray()[:n]
+        return operator.weigh(phase=phase).toarray(), operator.compose(operator.rows, phase).toarray()[:n]
 
     own, stretch = find(1)
     squares, vectors = np.linalg.eigh(own)
