@@ -21,7 +21,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -239,7 +239,7 @@ class _System:
         network, self.drives, masses = waves.network, drives, waves.network.masses.copy()
         self.moved: list[tuple[Index, Array]] = []
         for one in drives:
-            if not isinstance(one, Drive) or (one.displacement is None) == (one.force is None):
+            if not isinstance(cast("object", one), Drive) or (one.displacement is None) == (one.force is None):
                 raise InputError(f"drive is {brief(one)}", mend="Give a Drive with a displacement or a force")
             balls, along = (
                 read_balls("drive", one.balls, network),
