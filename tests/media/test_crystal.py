@@ -655,7 +655,8 @@ def test_modes_of_a_column_are_those_of_a_bessel_function():
         off.append(found / (5 / 6 * math.sqrt(1.5) * zeros * float(n) ** (-5 / 6) * unit) - 1)
     scaled = np.array(off) * counts**2
     order = np.log2(np.abs(off[:-1]) / np.abs(off[1:]))
-    assert np.all(np.abs(order - 2.0) < 0.02) and np.all(np.abs(order[-1] - 2.0) < 0.004)
+    assert_allclose(order, 2.0, atol=0.02)
+    assert_allclose(order[-1], 2.0, atol=0.004)
     # what is left of A falls as N^(-2/3)
     left = scaled / wanted - 1.0
     assert_allclose(left[:-1] / left[1:], np.full((4, 3), 2 ** (2 / 3)), rtol=0.05)
