@@ -636,8 +636,8 @@ def test_a_column_carries_its_weight(follows):
 def test_modes_of_a_column_are_those_of_a_bessel_function():
     """The lowest modes of N balls are (5/6) j_n N^(-5/6) (3 g/2 delta_1)^(1/2), with the overlap delta_1 under one weight.
 
-    The stiffness under depth z goes as z^(1/3): the modes of long waves are u = s^(2/5) J_(-2/5)(s), s = j_n (z/N)^(5/6), with
-    the zeros j_n of J_(-2/5). By the Euler-Maclaurin formula in Rayleigh's quotient they are off by A/N^2 with
+    The stiffness under depth z goes as z^(1/3): the modes of long waves are u = s^(2/5) J_(-2/5)(s), s = j_n (z/N)^(5/6),
+    with the zeros j_n of J_(-2/5). By the Euler-Maclaurin formula in Rayleigh's quotient they are off by A/N^2 with
 
         A = 5/216 - <u'^2>/24 = 5/216 - (25/432) j^(2/5) int_0^j s^(3/5) J_(3/5)(s)^2 ds / J_(3/5)(j)^2,
 
