@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError
 from granphon.base.validation import real_array, whole_number
 from granphon.waves.nonlinear import NonlinearWaves
 from granphon.waves.operator import WaveOperator
@@ -36,7 +36,7 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
     network, operator = waves.network, WaveOperator(waves.network)
     periods, at = np.flatnonzero(network.pbc), real_array("q", q)
     if at.shape not in ((len(periods),), (3,)) or not periods.size or not np.all(np.isfinite(at)):
-        raise InputError(message(f"q has the shape {at.shape}", mend=f"Give ({len(periods)},) fractions"))
+        raise InputError(f"q has the shape {at.shape}", mend=f"Give ({len(periods)},) fractions")
     which, n = whole_number("branch", branch, 0, operator.size - 1), network.n_contacts
     turn = 2.0j * np.pi * (network.shift[:, periods] @ at[: len(periods)])
 
@@ -50,7 +50,7 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
     top = operator.top**2
     if squares[which] < _ALONE * top or np.sum(np.abs(squares - squares[which]) < _ALONE * top) > 1:
         what = f"branch {which} costs nothing at this wave vector, or touches another"
-        raise InputError(message(what, "Its wave is not known", "Take another wave vector or branch"))
+        raise InputError(what, "Its wave is not known", "Take another wave vector or branch")
     vector, square = vectors[:, which], float(squares[which])
     moves = operator.values(vector)[:, operator.motions.translating]
     size = float(np.sqrt(np.max(np.sum(np.abs(moves) ** 2, axis=1) / network.masses[operator.balls])))
@@ -61,7 +61,7 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
     twice, reach = find(2)
     level, still = find(0)
     if np.min(np.abs(np.linalg.eigvalsh(twice) - 4.0 * square)) < _ALONE * top:
-        raise InputError(message("twice the frequency is that of a wave of 2 q", "The two exchange energy", "Change q"))
+        raise InputError("twice the frequency is that of a wave of 2 q", "The two exchange energy", "Change q")
     double = reach @ np.linalg.solve(twice - 4.0 * square * np.eye(len(twice)), -0.5 * reach.conj().T @ (second * e * e))
     mean = still @ (
         np.linalg.pinv(level, rcond=_ALONE, hermitian=True) @ (-0.5 * still.conj().T @ (second * np.abs(e) ** 2))

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.base.errors import InputError, brief, message
+from granphon.base.errors import InputError, brief
 from granphon.base.results import Result
 from granphon.base.validation import number, positive, require, whole_number
 
@@ -115,17 +115,17 @@ class Motion(Result):
         at = np.asarray(contacts)
         if at.ndim != 1 or at.size < 2 or at.dtype.kind not in "iu" or np.any((at < 0) | (at >= len(self.i))):
             what = f"contacts are {brief(contacts)}"
-            raise InputError(message(what, mend=f"Give two or more of the numbers 0 to {len(self.i) - 1}"))
+            raise InputError(what, mend=f"Give two or more of the numbers 0 to {len(self.i) - 1}")
         if of not in ("peak", "front"):
-            raise InputError(message(f"of is {brief(of)}", mend='Give "peak" or "front"'))
+            raise InputError(f"of is {brief(of)}", mend='Give "peak" or "front"')
         places = self.middles[at] - self.middles[at[0]]
         along = places[-1] if direction is None else np.asarray(direction, float)
         if along.shape != (3,) or not 0.0 < (size := float(np.linalg.norm(along))) < np.inf:
-            raise InputError(message(f"direction is {brief(direction)}", mend="Give three numbers, not all zero"))
+            raise InputError(f"direction is {brief(direction)}", mend="Give three numbers, not all zero")
         times = (self.peaks()[0] if of == "peak" else self.arrivals(share))[at]
         spread = times - np.mean(times)
         if not np.all(np.isfinite(times)) or not np.any(spread):
-            raise InputError(message("the pulse does not pass these contacts one after another", mend="Run for longer"))
+            raise InputError("the pulse does not pass these contacts one after another", mend="Run for longer")
         return float(spread @ (places @ along / size) / (spread @ spread))
 
     def spectrum(self, ball: int, axis: int = 0) -> tuple[Array, Array]:
@@ -156,7 +156,7 @@ class Motion(Result):
         per = (1.0 / f / most) / float(self.times[1] - self.times[0])
         if span > float(self.times[-1]) * (1.0 + 1e-9) or per < _PER_PERIOD:
             what = f"{per:.3g} frames are in a period of multiple {most}, and {self.times[-1] * f:.3g} periods in the run"
-            raise InputError(message(what, mend="Run for longer, keep more frames, or ask for fewer multiples"))
+            raise InputError(what, mend="Run for longer, keep more frames, or ask for fewer multiples")
         angle = 2.0 * np.pi * f * self.times[last, None] * np.arange(1, most + 1)
         terms = np.hstack([np.ones((len(angle), 1)), np.cos(angle), np.sin(angle)])
         fitted: Any = np.linalg.lstsq(terms, self.displacements[last, :, whole_number("axis", axis, 0, 2)], rcond=None)[0]

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls import hertz
 from granphon.balls.contact_laws import Hertz, PowerLaw
-from granphon.base.errors import ConvergenceError, InputError, brief, message
+from granphon.base.errors import ConvergenceError, InputError, brief
 from granphon.base.validation import not_negative, positive, real_array, whole_number
 from granphon.dynamics.damping import ContactDamping
 from granphon.networks.network import ContactNetwork, given_network
@@ -118,18 +118,16 @@ class NonlinearWaves:
         self.network: ContactNetwork = given_network(x)
         if not isinstance(law, Hertz | PowerLaw | None):
             why = "The overlaps of a network follow from forces and stiffnesses of a power alone"
-            raise InputError(message(f"law is {brief(law)}", why, "Give gp.Hertz() or gp.PowerLaw(...)"))
+            raise InputError(f"law is {brief(law)}", why, "Give gp.Hertz() or gp.PowerLaw(...)")
         self.exponent = law.exponent if isinstance(law, PowerLaw) else hertz.EXPONENT
         force, stiffness = self.network.normal_force, self.network.normal_stiffness
         if not np.all(force > 0.0):
             what = f"{np.count_nonzero(force <= 0.0)} of {force.size} contacts have no force"
-            raise InputError(message(what, "Their overlap is not known", "Press the network, or leave them out"))
+            raise InputError(what, "Their overlap is not known", "Press the network, or leave them out")
         self.overlap: Array = self.exponent * force / stiffness
         if self.network.prestress:
             why = "Contacts keep their directions in this motion, and static forces would turn them"
-            raise InputError(
-                message("static forces act sideways in this network", why, "Leave finite_overlap or prestress off")
-            )
+            raise InputError("static forces act sideways in this network", why, "Leave finite_overlap or prestress off")
         self._powers = _Powers(self.exponent, force, self.overlap)
         self.mu = (
             friction_coefficient
@@ -171,11 +169,11 @@ class NonlinearWaves:
         system = _System(self, drives)
         if positions is not None:
             if displacements is not None:
-                raise InputError(message("positions and displacements are given", mend="Give one of both"))
+                raise InputError("positions and displacements are given", mend="Give one of both")
             places, d = real_array("positions", positions), self.network.dimension
             if places.shape not in ((self.network.n_balls, 3), (self.network.n_balls, d)):
                 what = f"positions has the shape {places.shape}"
-                raise InputError(message(what, mend=f"Give ({self.network.n_balls}, 3) numbers, one row for each ball"))
+                raise InputError(what, mend=f"Give ({self.network.n_balls}, 3) numbers, one row for each ball")
             displacements = places - self.network.positions[:, : places.shape[1]]
         start = [system.read(name, one) for name, one in (
             ("displacements", displacements), ("velocities", velocities), ("rotations", rotations), ("spins", spins)
@@ -186,13 +184,13 @@ class NonlinearWaves:
             each = max(1, math.ceil(length / (count - 1) / wanted))
             if each * (count - 1) > _MOST_STEPS:
                 what = f"the run takes {each * (count - 1):.3g} steps"
-                raise InputError(message(what, f"More than {_MOST_STEPS:.0e} are not made", "Give a shorter duration"))
+                raise InputError(what, f"More than {_MOST_STEPS:.0e} are not made", "Give a shorter duration")
             found = system.integrate(x, v, length / (count - 1) / each, each, count)
             if found is not None:
                 return found
             if step is not None:
                 what = f"the step of {wanted:.3g} s is too long"
-                raise InputError(message(what, "Contacts become so stiff that it is not stable", "Leave step out"))
+                raise InputError(what, "Contacts become so stiff that it is not stable", "Leave step out")
             wanted *= 0.5
 
 
@@ -204,13 +202,13 @@ class _System:
         self.moved: list[tuple[Index, Array]] = []
         for one in drives:
             if not isinstance(one, Drive) or (one.displacement is None) == (one.force is None):
-                raise InputError(message(f"drive is {brief(one)}", mend="Give a Drive with a displacement or a force"))
+                raise InputError(f"drive is {brief(one)}", mend="Give a Drive with a displacement or a force")
             balls, along = (
                 read_balls("drive", one.balls, network),
                 read_vector("direction", one.direction, network.dimension),
             )
             if one.force is not None and not np.all(network.moving[balls]):
-                raise InputError(message("a force acts on a body that is held", mend="Give its displacement"))
+                raise InputError("a force acts on a body that is held", mend="Give its displacement")
             self.moved.append((balls, along))
             if one.displacement is not None:
                 masses[balls] = np.inf
@@ -258,12 +256,12 @@ class _System:
         values, d = real_array(name, given), network.dimension
         if values.shape not in ((network.n_balls, 3), (network.n_balls, d)) or not np.all(np.isfinite(values)):
             what = f"{name} has the shape {values.shape}"
-            raise InputError(message(what, mend=f"Give ({network.n_balls}, 3) finite numbers, one row for each ball"))
+            raise InputError(what, mend=f"Give ({network.n_balls}, 3) finite numbers, one row for each ball")
         turns = name in ("rotations", "spins")
         axes = operator.motions.rotations if turns else operator.motions.translations
         columns = operator.motions.turning if turns else operator.motions.translating
         if values.shape[1] <= max(axes, default=0):
-            raise InputError(message(f"{name} has the shape {values.shape}", mend=f"Give ({network.n_balls}, 3)"))
+            raise InputError(f"{name} has the shape {values.shape}", mend=f"Give ({network.n_balls}, 3)")
         weight = np.sqrt((network.inertias if turns else network.masses)[operator.balls])[:, None]
         out[:, columns] = values[operator.balls][:, list(axes)] * weight
         return np.asarray(operator.vector(out))
@@ -303,7 +301,7 @@ class _System:
 
         place, lift = follow(given[0], 0.0), follow(given[1], 0.0)
         if np.any(place):
-            raise InputError(message("a displacement does not begin at zero", mend="Give a function that is zero at zero"))
+            raise InputError("a displacement does not begin at zero", mend="Give a function that is zero at zero")
         e = (self.forward @ x + place @ self.strain).reshape(-1, n)
         change, k = powers.press(e[0])
         t = self._limit(self.held + self.ratio * k * e[1:], change)
@@ -375,7 +373,7 @@ class _System:
                 away = float(np.max(np.abs(self._to_balls(x, False)), initial=0.0))
                 if not away < _AWAY * 2.0 * float(np.mean(self.network.radii[self.network.moving])):
                     what = f"a ball has left its place by {away:.3g} m after {number * step:.4g} s"
-                    raise ConvergenceError(message(what, "Contacts are those of the network", "Give a smaller motion"))
+                    raise ConvergenceError(what, "Contacts are those of the network", "Give a smaller motion")
         return self._collect(kept, step)
 
     def _to_balls(self, vector: Array, turns: bool) -> Array:
