@@ -151,8 +151,8 @@ class NonlinearWaves:
         ----------
         positions : where the balls start, (n, 3) or (n, d), m; by default those of the network. Their ``displacements`` from
             there, m, keep the digits that positions lose: give one of both.
-        velocities, rotations, spins : at the start, (n, 3) or (n, d), m/s, rad and rad/s; zero by default. Contacts have come
-            to the start without sliding, but for Coulomb's limit.
+        velocities, rotations, spins : at the start, (n, 3) or (n, d), m/s, rad and rad/s; zero by default. Contacts have
+            come to the start without sliding, but for Coulomb's limit.
         drive : a :class:`Drive`, or several.
         frames : number of times that are kept, the start and the end among them.
         step : s, of which a frame has a whole number; by default a sixtieth of the shortest period that the stiffest contact
