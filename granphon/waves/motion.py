@@ -134,9 +134,7 @@ class Motion(Result):
         The mean is left out. A Hann window keeps frequencies apart; the amplitude is that of a steady motion at a frequency
         of the list.
         """
-        values = self.displacements[
-            :, whole_number("ball", ball, 0, len(self.sites) - 1), whole_number("axis", axis, 0, 2)
-        ]
+        values = self.displacements[:, whole_number("ball", ball, 0, len(self.sites) - 1), whole_number("axis", axis, 0, 2)]
         window = np.hanning(len(values))
         weighed = window * (values - np.average(values, weights=window))
         spacing = float(self.times[1] - self.times[0])
