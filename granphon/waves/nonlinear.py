@@ -197,7 +197,7 @@ class NonlinearWaves:
 class _System:
     """The equations of motion of a network with drives."""
 
-    def __init__(self, waves: NonlinearWaves, drives: Sequence[Drive]) -> None:
+    def __init__(self, waves: NonlinearWaves, drives: Sequence[Any]) -> None:
         network, self.drives, masses = waves.network, drives, waves.network.masses.copy()
         self.moved: list[tuple[Index, Array]] = []
         for one in drives:
