@@ -12,7 +12,7 @@ from matplotlib.colors import TwoSlopeNorm
 
 from granphon.base.errors import InputError, brief
 from granphon.base.scales import prefixed
-from granphon.waves.nonlinear import Motion
+from granphon.waves.motion import Motion
 
 
 def plot_motion(motion: Motion, ax: Axes, *, show: Literal["velocities", "forces"] = "velocities", axis: int = 0) -> Axes:
