@@ -33,6 +33,9 @@ from .dynamics.local_field import LocalField as LocalField
 from .figures.plot import plot as plot
 from .fits.fit import WidthFit as WidthFit
 from .fits.fit import fit_width as fit_width
+from .fits.transfer import DampingFit as DampingFit
+from .fits.transfer import TransferFunction as TransferFunction
+from .fits.transfer import fit_damping as fit_damping
 from .media.choice import AutoMedium as AutoMedium
 from .media.cluster import ClusterMedium as ClusterMedium
 from .media.crystal import Crystal as Crystal
