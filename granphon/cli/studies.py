@@ -61,8 +61,9 @@ def fit_measurements(
 
     Each column of the table has a name and a unit. The load is 'force (N)', 'pressure (N/m)' (in space 'pressure (kPa)') or
     'side_force (N)' (the scene then gives balls_per_side). The velocity is 'velocity (m/s)', or 'time (ms)' and
-    'distance (m)', or 'cutoff (kHz)', the highest frequency of the branch. If known, there are also 'sigma (m/s)' or 'sigma (%)', 'time_sigma (us)' or 'cutoff_sigma (Hz)', and 'frequency (kHz)'.
-    Velocities with a frequency are those of pulses. The folder gets fit.yaml, fit.csv and fit.png.
+    'distance (m)', or 'cutoff (kHz)', the highest frequency of the branch. If known, there are also 'sigma (m/s)' or
+    'sigma (%)', 'time_sigma (us)' or 'cutoff_sigma (Hz)', and 'frequency (kHz)'. Velocities with a frequency are those of
+    pulses. The folder gets fit.yaml, fit.csv and fit.png.
 
     \b
     Examples:
