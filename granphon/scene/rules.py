@@ -27,7 +27,7 @@ from granphon.balls.material import Material, read_poisson_ratio
 from granphon.balls.motions import allowed_motions
 from granphon.balls.packing import MINDLIN
 from granphon.balls.parameters import KIND_PARAMETERS, PARAMETERS, Axis, find_double, find_unit
-from granphon.base.errors import InputError, Refused, message
+from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import (
     ADHESION,
     DENSITY,
@@ -631,7 +631,7 @@ def _write_law(law: Any) -> Any:
             numbers = {key: rules[key].write(getattr(law, field), Context()) for key, field in fields.items()}
             return {name: numbers} if numbers else name
     what = f"the law {law!r}"
-    raise InputError(message(what, "A scene file has no words for it", f"Use {', '.join(_LAWS)}, or granphon.sweep"))
+    raise InputError(what, "A scene file has no words for it", f"Use {', '.join(_LAWS)}, or granphon.sweep")
 
 
 def _read_any_motions(value: Any) -> str:

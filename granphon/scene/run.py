@@ -42,7 +42,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granphon.base.errors import GranphonError, InputError, message
+from granphon.base.errors import GranphonError, InputError
 from granphon.base.progress import Progress, silent
 from granphon.base.results import write_html
 from granphon.base.staging import ResultFiles, is_whole
@@ -196,7 +196,7 @@ class RunResult:
     @cached_property
     def _analysis(self) -> Analysis:
         if not self.scene.is_single:
-            raise InputError(message("the result is that of a sweep", "It has no single state", "Take its dataset"))
+            raise InputError("the result is that of a sweep", "It has no single state", "Take its dataset")
         return Analysis(self.scene.state(), self.scene.direction) if self.given is None else self.given
 
     @property
@@ -525,7 +525,7 @@ def read_summary(folder: Path) -> dict[str, Any]:
     path = folder / "summary.yaml"
     found = read_yaml(path)
     if not isinstance(found, dict):
-        raise InputError(message(f"{path} holds no keys", "Granphon did not write it so", "Run the scene again"))
+        raise InputError(f"{path} holds no keys", "Granphon did not write it so", "Run the scene again")
     require_schema(path, found.get("schema"), SUMMARY_SCHEMA)
     return found
 

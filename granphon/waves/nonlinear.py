@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls import hertz
 from granphon.balls.contact_laws import Hertz, PowerLaw
-from granphon.base.errors import ConvergenceError, InputError, brief, message
+from granphon.base.errors import ConvergenceError, InputError, brief
 from granphon.base.results import Result
 from granphon.base.validation import not_negative, positive, real_array, whole_number
 from granphon.dynamics.damping import ContactDamping
@@ -166,18 +166,16 @@ class NonlinearWaves:
         self.network: ContactNetwork = given_network(x)
         if not isinstance(law, Hertz | PowerLaw | None):
             why = "The overlaps of a network follow from forces and stiffnesses of a power alone"
-            raise InputError(message(f"law is {brief(law)}", why, "Give gp.Hertz() or gp.PowerLaw(...)"))
+            raise InputError(f"law is {brief(law)}", why, "Give gp.Hertz() or gp.PowerLaw(...)")
         self.exponent = law.exponent if isinstance(law, PowerLaw) else hertz.EXPONENT
         force, stiffness = self.network.normal_force, self.network.normal_stiffness
         if not np.all(force > 0.0):
             what = f"{np.count_nonzero(force <= 0.0)} of {force.size} contacts have no force"
-            raise InputError(message(what, "Their overlap is not known", "Press the network, or leave them out"))
+            raise InputError(what, "Their overlap is not known", "Press the network, or leave them out")
         self.overlap: Array = self.exponent * force / stiffness
         if self.network.prestress:
             why = "Contacts keep their directions in this motion, and static forces would turn them"
-            raise InputError(
-                message("static forces act sideways in this network", why, "Leave finite_overlap or prestress off")
-            )
+            raise InputError("static forces act sideways in this network", why, "Leave finite_overlap or prestress off")
         self._powers = _Powers(self.exponent, force, self.overlap)
         self.mu = (
             friction_coefficient
@@ -224,13 +222,13 @@ class NonlinearWaves:
             each = max(1, math.ceil(length / (count - 1) / wanted))
             if each * (count - 1) > _MOST_STEPS:
                 what = f"the run takes {each * (count - 1):.3g} steps"
-                raise InputError(message(what, f"More than {_MOST_STEPS:.0e} are not made", "Give a shorter duration"))
+                raise InputError(what, f"More than {_MOST_STEPS:.0e} are not made", "Give a shorter duration")
             found = system.integrate(x, v, length / (count - 1) / each, each, count)
             if found is not None:
                 return found
             if step is not None:
                 what = f"the step of {wanted:.3g} s is too long"
-                raise InputError(message(what, "Contacts become so stiff that it is not stable", "Leave step out"))
+                raise InputError(what, "Contacts become so stiff that it is not stable", "Leave step out")
             wanted *= 0.5
 
 
@@ -242,13 +240,13 @@ class _System:
         self.moved: list[tuple[Index, Array]] = []
         for one in drives:
             if not isinstance(one, Drive) or (one.displacement is None) == (one.force is None):
-                raise InputError(message(f"drive is {brief(one)}", mend="Give a Drive with a displacement or a force"))
+                raise InputError(f"drive is {brief(one)}", mend="Give a Drive with a displacement or a force")
             balls, along = (
                 read_balls("drive", one.balls, network),
                 read_vector("direction", one.direction, network.dimension),
             )
             if one.force is not None and not np.all(network.moving[balls]):
-                raise InputError(message("a force acts on a body that is held", mend="Give its displacement"))
+                raise InputError("a force acts on a body that is held", mend="Give its displacement")
             self.moved.append((balls, along))
             if one.displacement is not None:
                 masses[balls] = np.inf
@@ -296,12 +294,12 @@ class _System:
         values, d = real_array(name, given), network.dimension
         if values.shape not in ((network.n_balls, 3), (network.n_balls, d)) or not np.all(np.isfinite(values)):
             what = f"{name} has the shape {values.shape}"
-            raise InputError(message(what, mend=f"Give ({network.n_balls}, 3) finite numbers, one row for each ball"))
+            raise InputError(what, mend=f"Give ({network.n_balls}, 3) finite numbers, one row for each ball")
         turns = name in ("rotations", "spins")
         axes = operator.motions.rotations if turns else operator.motions.translations
         columns = operator.motions.turning if turns else operator.motions.translating
         if values.shape[1] <= max(axes, default=0):
-            raise InputError(message(f"{name} has the shape {values.shape}", mend=f"Give ({network.n_balls}, 3)"))
+            raise InputError(f"{name} has the shape {values.shape}", mend=f"Give ({network.n_balls}, 3)")
         weight = np.sqrt((network.inertias if turns else network.masses)[operator.balls])[:, None]
         out[:, columns] = values[operator.balls][:, list(axes)] * weight
         return np.asarray(operator.vector(out))
@@ -341,7 +339,7 @@ class _System:
 
         place, lift = follow(given[0], 0.0), follow(given[1], 0.0)
         if np.any(place):
-            raise InputError(message("a displacement does not begin at zero", mend="Give a function that is zero at zero"))
+            raise InputError("a displacement does not begin at zero", mend="Give a function that is zero at zero")
         e = (self.forward @ x + place @ self.strain).reshape(-1, n)
         change, k = powers.press(e[0])
         t = self._limit(self.held + self.ratio * k * e[1:], change)
@@ -413,7 +411,7 @@ class _System:
                 away = float(np.max(np.abs(self._to_balls(x, False)), initial=0.0))
                 if not away < _AWAY * 2.0 * float(np.mean(self.network.radii[self.network.moving])):
                     what = f"a ball has left its place by {away:.3g} m after {number * step:.4g} s"
-                    raise ConvergenceError(message(what, "Contacts are those of the network", "Give a smaller motion"))
+                    raise ConvergenceError(what, "Contacts are those of the network", "Give a smaller motion")
         return self._collect(kept, step)
 
     def _to_balls(self, vector: Array, turns: bool) -> Array:
@@ -465,7 +463,7 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
     network, operator = waves.network, WaveOperator(waves.network)
     periods, at = np.flatnonzero(network.pbc), real_array("q", q)
     if at.shape not in ((len(periods),), (3,)) or not periods.size or not np.all(np.isfinite(at)):
-        raise InputError(message(f"q has the shape {at.shape}", mend=f"Give ({len(periods)},) fractions"))
+        raise InputError(f"q has the shape {at.shape}", mend=f"Give ({len(periods)},) fractions")
     which, n = whole_number("branch", branch, 0, operator.size - 1), network.n_contacts
     turn = 2.0j * np.pi * (network.shift[:, periods] @ at[: len(periods)])
 
@@ -479,7 +477,7 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
     top = operator.top**2
     if squares[which] < _ALONE * top or np.sum(np.abs(squares - squares[which]) < _ALONE * top) > 1:
         what = f"branch {which} costs nothing at this wave vector, or touches another"
-        raise InputError(message(what, "Its wave is not known", "Take another wave vector or branch"))
+        raise InputError(what, "Its wave is not known", "Take another wave vector or branch")
     vector, square = vectors[:, which], float(squares[which])
     moves = operator.values(vector)[:, operator.motions.translating]
     size = float(np.sqrt(np.max(np.sum(np.abs(moves) ** 2, axis=1) / network.masses[operator.balls])))
@@ -490,7 +488,7 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
     twice, reach = find(2)
     level, still = find(0)
     if np.min(np.abs(np.linalg.eigvalsh(twice) - 4.0 * square)) < _ALONE * top:
-        raise InputError(message("twice the frequency is that of a wave of 2 q", "The two exchange energy", "Change q"))
+        raise InputError("twice the frequency is that of a wave of 2 q", "The two exchange energy", "Change q")
     double = reach @ np.linalg.solve(twice - 4.0 * square * np.eye(len(twice)), -0.5 * reach.conj().T @ (second * e * e))
     mean = still @ (
         np.linalg.pinv(level, rcond=_ALONE, hermitian=True) @ (-0.5 * still.conj().T @ (second * np.abs(e) ** 2))
