@@ -903,13 +903,15 @@ class Crystal(Result):
         pressure = size * float(np.sum(frame.distance)) / (dimension * area)
         low, high = 0.0, math.inf
         start: Rest | None = None
+        rest: Rest | None = None
         last, before = math.inf, (0.0, math.nan)
         differ = bool(np.any(frame.offset))
         enough = _SAMPLED if differ else _MEAN
         for _ in range(_MEANS):
             push = self._push_hydrostatic(pressure, field, f"{words} {pressure:.6g}")
             small = settle(frame, springs, push, start)
-            rest = settle_exactly(frame, springs, push, small) if follows else small
+            # from the last one where balls differ: their mean would jump with the places of loose balls
+            rest = settle_exactly(frame, springs, push, rest if differ and rest else small) if follows else small
             force = springs.force(rest.overlap)
             stiffness = springs.stiffness(rest.overlap)
             loaded = (stiffness > 0.0 if springs.adhere else force != 0.0) | differ
@@ -919,6 +921,8 @@ class Crystal(Result):
             mean = float(np.mean((force if kind == "force" else rest.overlap)[loaded]))
             off = mean / goal - 1.0
             rounded = 1e-13
+            if differ:  # loose balls leave more, of the parts of the mean
+                rounded = 10.0 * _SAMPLED * max(1.0, float(np.mean(np.abs(rest.overlap)) / np.abs(np.mean(rest.overlap))))
             if springs.adhere:  # the mean may be small against its parts, attraction and repulsion
                 parts = np.abs(stiffness * rest.overlap if kind == "force" else force / np.where(loaded, stiffness, np.inf))
                 rounded *= max(1.0, float(np.mean(parts[loaded])) / goal)

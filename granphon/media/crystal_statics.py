@@ -42,7 +42,8 @@ _TOLERANCE, _REQUIRED = 2e-15, 1e-12
 _ITERATED = 3e-13
 #: largest number of steps of Newton's method, and of slopes in a line search
 _STEPS, _SLOPES = 200, 60
-#: steps in the true geometry without half of the residual
+#: steps in the true geometry without half of the residual, after which balls that differ move together, and four times
+#: as many
 _PATIENT = 20
 #: most saddles of the energy on the way, and doublings of the displacement with which the way down from one begins
 _SADDLES, _DOUBLINGS = 50, 6
@@ -696,9 +697,12 @@ def settle_exactly(frame: Frame, springs: Springs, push: Push, start: Rest) -> R
     (:mod:`granphon.array.true_equilibrium`), these loose balls are brought to rest first, while the others are held: in
     clusters of those that touch, each with steps of its own length, and with the other sign of -f/r, by which a step is
     about as long as a ball is far from the line between two others. Newton's method for all follows, and so on in turn.
-    Where balls are at rest but the energy is not least, they go downhill along the softest motion.
+    A step that would raise the energy is replaced by one downhill, and where neither the loose balls nor the others let each
+    other come to rest, all move together. Where balls are at rest but the energy is not least, they go downhill along the
+    softest motion.
 
-    Raises :class:`~granphon.base.errors.InstabilityError` if there is none near it, and
+    Raises :class:`~granphon.base.errors.InstabilityError` if there is none near it,
+    :class:`~granphon.base.errors.ConvergenceError` if balls that differ do not come to rest, and
     :class:`~granphon.base.errors.MechanismError` if balls differ and some of their motions, while all touch, cost no energy.
     """
     if not (np.any(start.overlap) or np.any(push.force)):
@@ -716,7 +720,7 @@ def settle_exactly(frame: Frame, springs: Springs, push: Push, start: Rest) -> R
         ratio = float(np.max(np.abs(frame.offset)) / np.mean(frame.distance))
         loose = here.touch.T @ (here.force > _LIGHT * here.mean) <= frame.dimension
     for _ in range(_STEPS):
-        if here.is_sound and np.any(loose):
+        if here.is_sound and np.any(loose) and stalled <= _PATIENT:
             others = float(np.max(here.on_balls, where=~loose, initial=0.0)) / here.mean
             here = here.lead(loose, max(_TOLERANCE, _OF_LOOSE * min(ratio, others)))
         if not here.is_sound:
@@ -732,17 +736,21 @@ def settle_exactly(frame: Frame, springs: Springs, push: Push, start: Rest) -> R
                 return kept if springs.adhere else replace(kept, overlap=_open_light(springs, kept))
             here, best, stalled, saddles = down, math.inf, 0, saddles + 1
             continue
-        if stalled > _PATIENT or not np.any(here.stiffness):
+        if stalled > (4 if differ else 1) * _PATIENT or not np.any(here.stiffness):
             break
-        before, there = here.residual, here.at(here.x + here.find_step(system, 1.0))
-        if differ:
-            if not (there.is_sound and there.residual < _TOO_FAR):
+        before, step = here.residual, here.find_step(system, 1.0)
+        there = here.at(here.x + step)
+        if differ:  # steps up the energy would go round in circles, or back to a saddle: the slopes at both ends tell
+            falls = there.is_sound and here.pull @ step > 0.0 and (here.pull + there.pull) @ step >= 0.0
+            if not (falls and there.residual < _TOO_FAR):
                 there = here.search(here.find_step(system, -1.0))
             loose = loose | (there.on_balls > _FAILED * before * there.mean)
         here = there
-    why, mend = "Its contacts turn away under the load, and nothing holds it", "Lower the load, or add contacts"
     if differ:
-        mend = f"{_STAY}; or press balls more that are loose"
+        what = f"balls that differ have not come to rest in the true geometry under {push.words}"
+        left = f"A force of {best:.2g} of the mean is left on a ball"
+        raise ConvergenceError(what, left, f"{_STAY}; or press loose balls more")
+    why, mend = "Its contacts turn away under the load, and nothing holds it", "Lower the load, or add contacts"
     raise InstabilityError(f"the crystal collapses under {push.words}", why, mend)
 
 

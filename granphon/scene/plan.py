@@ -11,7 +11,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 
@@ -169,7 +169,7 @@ class Plan:
             object.__setattr__(self, "packing", change_packing(self.packing, {"lattice": swept[0]}))
         if not self.mesh:
             object.__setattr__(self, "mesh", MESHES[lattice.periods - 1])
-        if isinstance(self.media, tuple | list) and not self.media:
+        if isinstance(cast("object", self.media), tuple | list) and not self.media:
             object.__setattr__(self, "media", default_medium(self.packing, self.balls_differ))
         at = Context(lattice, written=False, kinds=self.packing.kind_names)
         for name in ("media", "finite_overlap", "observe", "band_points", "mesh", "dim", "direction"):
