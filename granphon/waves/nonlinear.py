@@ -31,6 +31,7 @@ from granphon.balls.contact_laws import Hertz, PowerLaw
 from granphon.base.errors import ConvergenceError, InputError, brief
 from granphon.base.validation import not_negative, positive, real_array, whole_number
 from granphon.dynamics.damping import ContactDamping
+from granphon.dynamics.rows import weigh_rows
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.waves.motion import Motion
 from granphon.waves.operator import WaveOperator
@@ -221,9 +222,8 @@ class _System:
         self.back = self.forward.T.tocsr()
         self.ratio = np.array([row.stiffness / network.normal_stiffness for row in self.rows[1:]]).reshape(-1, n)
         self.slips = np.array([row.kind == "slip" for row in self.rows[1:]], bool)
-        self.viscosity = np.array([
-            waves.damping[int(row.kind != "elongation")] * np.broadcast_to(row.stiffness, n) for row in self.rows
-        ])  # fmt: skip
+        self.viscosity = weigh_rows(self.rows, waves.damping)
+        self.viscosity = self.viscosity * np.array([np.broadcast_to(row.stiffness, n) for row in self.rows])
         self.held = np.zeros((len(self.rows) - 1, n))
         if network.tangential_force is not None:
             axes = list(operator.motions.translations)
