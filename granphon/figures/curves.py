@@ -361,7 +361,7 @@ def list_parameters(dataset: Dataset) -> list[str]:
 
 
 def choose_parameter(dataset: Dataset) -> str | None:
-    """Return the parameter in numbers that has the most values, where there is one load; None where curves lie over the load."""
+    """Return the parameter in numbers that has the most values, where there is one load; None where curves are over it."""
     sizes = {name: dataset.sizes[name] for name in list_parameters(dataset) if dataset[name].dtype.kind in "fiu"}
     most = max(sizes, key=lambda name: sizes[name], default=None)
     return most if dataset.sizes["load"] == 1 and most is not None and sizes[most] > 1 else None

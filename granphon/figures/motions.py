@@ -146,8 +146,12 @@ def plot_harmonics(motion: Motion, ax: Axes, frequency: float, *, count: int = 3
     order = np.argsort(places, kind="stable")
     for number, (values, colour) in enumerate(zip(amplitudes, COLOURS, strict=False), 1):
         label = f"{number} f" if number > 1 else "f"
-        ax.plot((places - places.min())[order] / metre, values[order] / scale, ".-", color=colour, ms=2.5, lw=0.7, label=label)
-    ax.set(xlabel=f"{'xyz'[axis]} ({_write(length)})", ylabel=f"Displacement ({_write(unit)})", yscale="log", xlim=(0.0, None))
+        ax.plot(
+            (places - places.min())[order] / metre, values[order] / scale, ".-", color=colour, ms=2.5, lw=0.7, label=label
+        )
+    ax.set(
+        xlabel=f"{'xyz'[axis]} ({_write(length)})", ylabel=f"Displacement ({_write(unit)})", yscale="log", xlim=(0.0, None)
+    )
     ax.legend(ncols=3)
     return ax
 

@@ -26,8 +26,8 @@ class Motion(Result):
     Attributes
     ----------
     times : (n_f,) s.
-    displacements, velocities : (n_f, n, 3) from the places at rest, m, m/s. Velocities of balls that a drive moves are differences
-        between frames.
+    displacements, velocities : (n_f, n, 3) from the places at rest, m, m/s. Velocities of balls that a drive moves are
+        differences between frames.
     rotations, spins : (n_f, n, 3) rad, rad/s.
     forces, shears : (n_f, n_c) normal force of each contact, zero where it is open, and size of its force of slip, N.
     translation, rotation : (n_f,) kinetic energies, J.
@@ -133,7 +133,9 @@ class Motion(Result):
         The mean is left out. A Hann window keeps frequencies apart; the amplitude is that of a steady motion at a frequency
         of the list.
         """
-        values = self.displacements[:, whole_number("ball", ball, 0, self.network.n_balls - 1), whole_number("axis", axis, 0, 2)]
+        values = self.displacements[
+            :, whole_number("ball", ball, 0, self.network.n_balls - 1), whole_number("axis", axis, 0, 2)
+        ]
         window = np.hanning(len(values))
         weighed = window * (values - np.average(values, weights=window))
         spacing = float(self.times[1] - self.times[0])

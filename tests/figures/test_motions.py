@@ -34,7 +34,12 @@ def chain():
 
 @pytest.fixture(scope="module")
 def array():
-    network = gp.AveragedLattice(gp.Packing(STEEL, diameter=8e-3)).at_force(5.0).network.repeat((5, 1)).cut(1, 4, ("floor", "free"))
+    network = (
+        gp.AveragedLattice(gp.Packing(STEEL, diameter=8e-3))
+        .at_force(5.0)
+        .network.repeat((5, 1))
+        .cut(1, 4, ("floor", "free"))
+    )
     return hit(network, 2, [0.0, 0.1, 0.0], 4e-5, friction_coefficient=0.3)
 
 

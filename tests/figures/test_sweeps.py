@@ -79,7 +79,9 @@ def test_other_combinations_of_parameters_are_lines_too(ax):
     assert len(named) == 8
     assert re.fullmatch(r"8 of [0-9]+ are named", last)
     # at one load alone they lie over the parameter
-    (line,) = [one for one in plot_sweep(many.isel(load=[0]), Figure().subplots()).lines if one.get_gid() == "longitudinal-all"]
+    (line,) = [
+        one for one in plot_sweep(many.isel(load=[0]), Figure().subplots()).lines if one.get_gid() == "longitudinal-all"
+    ]
     assert_array_equal(line.get_xydata(), np.stack([many["width"], many["longitudinal"][0, 0]], axis=1))
 
 
