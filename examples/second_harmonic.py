@@ -3,7 +3,8 @@ r"""The second harmonic of a shaker
 
 The end of a pressed chain is shaken at one frequency. Hertz's law makes a second harmonic, which runs with another wave
 number than the product of the first with itself: 2 q is not q(2 f). The two beat, and the second harmonic grows and falls
-over the distance as A^2/(4 delta) cot(q d/2) \|sin((q(2 f) - 2 q) n d/2)\|, with the amplitude A of the shaker and the overlap delta.
+over the distance as A^2/(4 delta) cot(q d/2) \|sin((q(2 f) - 2 q) n d/2)\|, with the amplitude A of the shaker and the
+overlap delta.
 """
 
 import sys
