@@ -116,7 +116,7 @@ def draw_balls(network: ContactNetwork, values: Array, ax: Axes, colours: object
     balls = EllipseCollection(
         sizes, sizes, 0.0 * sizes, units="xy", offsets=places, offset_transform=ax.transData, array=values[shown],
         cmap=colours, norm=norm, gid="balls", edgecolors=FRAME, linewidths=0.15,
-    )  # type: ignore[arg-type]  # fmt: skip
+    )  # fmt: skip
     ax.add_collection(balls, autolim=False)
     low, high = places.min(axis=0) - 0.6 * sizes.max(), places.max(axis=0) + 0.6 * sizes.max()
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel="x (mm)", ylabel="y (mm)")
