@@ -121,7 +121,7 @@ class Measurements(Result):
         for name in named:
             if name not in COLUMNS:
                 meant = closest(name, COLUMNS)
-                mend = f"Did you mean {meant}" if meant else "Use " + ", ".join(COLUMNS)
+                mend = f"Did you mean {meant}?" if meant else "Use " + ", ".join(COLUMNS)
                 raise InputError(f"{name!r} is not a kind of column of measurements", mend=mend)
 
         def choose(*kinds: str) -> str | None:
