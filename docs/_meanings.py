@@ -110,7 +110,7 @@ FILES = {
     "pulse.csv": ("`pulse`", "over time: the force that was sent, the coherent signal, the rms of the speckle"),
     "pulse.png": ("`pulse`", "seismogram, and the coherent part beside the speckle"),
     "response.csv": ("`response`", "magnitude and phase, a row for each state, frequency and place of the receiver"),
-    "response.png": ("`response`", "magnitude and phase over frequency; of six loads and more a map over load and frequency"),
+    "response.png": ("`response`", "magnitude and phase over frequency; of six loads and more a map of load and frequency"),
     "forces.png": ("a simulation at one load", "force chains in the first sample, and how forces are distributed in all"),
     "sweep.nc": ("every run", "every state, as a data set for xarray (netCDF), see [below](#sweepnc-and-sweepcsv)"),
     "sweep.csv": ("every run", "the same as a table, without tensors and bands"),

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError
 from granphon.cli.app import FORCE, PICTURES, SCENES, WORK, Force, SceneFile, Scheduler, Workers, command
 from granphon.cli.terminal import GO_ON, NOTHING_WRITTEN, require_name, say, say_table, tell_interruption, warn
 from granphon.cli.wording import describe_cost, describe_result, describe_scene
@@ -45,10 +45,7 @@ def write_preset(
     if preset not in PRESETS:
         meant = closest(preset, PRESETS)
         raise InputError(
-            message(
-                f"found the preset {preset!r}; allowed: {', '.join(PRESETS)}",
-                mend=f"Did you mean {meant!r}" if meant else "",
-            )
+            f"found the preset {preset!r}; allowed: {', '.join(PRESETS)}", mend=f"Did you mean {meant!r}" if meant else ""
         )
     require_name("PATH", path)
     texts = {name: file.write_preset(name) for name in PRESETS}
@@ -211,5 +208,5 @@ def draw_results(
     from granphon.scene.redraw import draw_together
 
     if asymptotes:
-        raise InputError(message("--asymptotes is for the bands of one run", mend="Leave it out, or give one folder"))
+        raise InputError("--asymptotes is for the bands of one run", mend="Leave it out, or give one folder")
     say(f"Wrote {draw_together(runs, out, force, x=x, y=y, data=data or (), backend=backend)}")

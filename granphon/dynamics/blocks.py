@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.errors import InstabilityError, message
+from granphon.base.errors import InstabilityError
 from granphon.dynamics.linalg import (
     MANY_COLUMNS,
     cholesky_factor,
@@ -423,7 +423,7 @@ def factorise(matrices: NDArray[Any]) -> NDArray[Any]:
     try:
         return cholesky_factor(matrices)
     except np.linalg.LinAlgError:
-        raise InstabilityError(message("a squared frequency is negative")) from None
+        raise InstabilityError("a squared frequency is negative") from None
 
 
 def find_blocks(effects: NDArray[np.bool_]) -> list[NDArray[np.intp]]:

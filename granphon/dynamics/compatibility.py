@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import ContactTable
 from granphon.balls.motions import IN_PLANE, Motions, select_motions
-from granphon.base.errors import InputError, InstabilityError, PrecisionError, message
+from granphon.base.errors import InputError, InstabilityError, PrecisionError
 from granphon.base.results import read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
@@ -40,7 +40,7 @@ def as_wavevectors(wavevectors: ArrayLike, periods: int) -> Array:
     """Wave vectors as (n_q, p), from any (..., p); :class:`~granphon.base.errors.InputError` if p is not ``periods``."""
     q = real_array("wavevectors", wavevectors)
     if q.shape[-1:] != (periods,):
-        raise InputError(message(f"the wave vectors have the shape {q.shape}", mend=f"Give an array (n_q, {periods})"))
+        raise InputError(f"the wave vectors have the shape {q.shape}", mend=f"Give an array (n_q, {periods})")
     return q.reshape(-1, periods)
 
 
@@ -49,11 +49,9 @@ def require_digits(fractions: Array) -> None:
     farthest = float(np.max(np.abs(fractions), initial=0.0))
     if farthest > _FARTHEST:
         raise PrecisionError(
-            message(
-                f"a wave vector is {farthest:.3g} reciprocal vectors from Gamma",
-                f"Beyond {_FARTHEST:.0e} nothing is left of the digits that say where it is between two of them",
-                "Leave whole reciprocal vectors out",
-            )
+            f"a wave vector is {farthest:.3g} reciprocal vectors from Gamma",
+            f"Beyond {_FARTHEST:.0e} nothing is left of the digits that say where it is between two of them",
+            "Leave whole reciprocal vectors out",
         )
 
 
@@ -111,7 +109,7 @@ class Compatibility:
         self.masses: Array = read_only(np.broadcast_to(real_array("masses", masses), self.n_balls))
         self.gyration: Array = read_only(np.broadcast_to(real_array("gyration", gyration), self.n_balls))
         if not (np.all(self.masses > 0.0) and np.all(self.stiffness > 0.0)):
-            raise InputError(message("a mass or a contact stiffness is not above zero"))
+            raise InputError("a mass or a contact stiffness is not above zero")
 
     def _read_ratio(self, name: str, given: Any) -> float | Array:
         """Return a ratio of stiffnesses, zero or above: a float, or an array (n_c,)."""
@@ -156,7 +154,7 @@ class Compatibility:
                 f"One wave vector takes {self.bytes_per_wavevector / 2**30:.2g} GiB of memory, more than {MOST_BYTES >> 30}"
             )
             mend = "Take a smaller cell, or gp.Waves(network), whose matrices are sparse"
-            raise InputError(message(what, why, mend))
+            raise InputError(what, why, mend)
 
     @cached_property
     def is_held(self) -> bool:
@@ -183,14 +181,12 @@ class Compatibility:
         q, count = real_array("fractions", fractions), self.periods
         if q.shape[-1:] not in ((count,), (3,)):
             wanted = f"(..., {count})" + " or (..., 3)" * (count < 3)
-            raise InputError(message(f"the fractions have the shape {q.shape}", mend=f"Give an array {wanted}"))
+            raise InputError(f"the fractions have the shape {q.shape}", mend=f"Give an array {wanted}")
         if np.any(q[..., count:]):
             raise InputError(
-                message(
-                    "a wave vector has a component across the lattice",
-                    f"The lattice has {counted(count, 'period')}",
-                    "Give 0 for the rest",
-                )
+                "a wave vector has a component across the lattice",
+                f"The lattice has {counted(count, 'period')}",
+                "Give 0 for the rest",
             )
         require_digits(q)
         return np.asarray(q[..., :count] @ self.reciprocal)
@@ -202,7 +198,7 @@ class Compatibility:
         """
         q = as_wavevectors(wavevectors, self.periods)
         if not np.all(np.isfinite(q)):
-            raise InputError(message("a wave vector is not finite"))
+            raise InputError("a wave vector is not finite")
         require_digits(q)  # per diameter, which is about the same
         taken = np.rint(q @ self.cell[:, : self.periods].T / (2.0 * np.pi)) @ self.reciprocal
         near = q - taken
@@ -235,7 +231,7 @@ class Compatibility:
                 " farther out, with the stiffness -f/a, and nothing else acts on long waves"
             )
             mend = f"Use the motions {inner}, or leave finite_overlap off"
-        return InstabilityError(message(f"the lattice {self.name} buckles: {where}", why, mend))
+        return InstabilityError(f"the lattice {self.name} buckles: {where}", why, mend)
 
     # -- the compatibility matrix -----------------------------------------------------------------------------------
 

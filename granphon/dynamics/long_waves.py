@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import as_direction, one_direction
-from granphon.base.errors import InputError, MechanismError, message
+from granphon.base.errors import InputError, MechanismError
 from granphon.base.results import read_only
 from granphon.base.validation import real_array
 from granphon.dynamics.compatibility import Compatibility
@@ -158,12 +158,12 @@ class LongWaves(Compatibility):
         """
         if self.is_held:
             why = "Long waves move all balls together, which these bodies hold"
-            raise InputError(message("the balls touch bodies that do not move", why, "Use gp.Phonons or gp.Waves"))
+            raise InputError("the balls touch bodies that do not move", why, "Use gp.Phonons or gp.Waves")
         if self.mechanism:
             mend = "Use bending, or a lattice with more contacts"
             if not self.motions.rotate:
                 mend = "Use friction, or a lattice with more contacts"
-            raise MechanismError(message(f"the lattice {self.name} is a mechanism", self.mechanism, mend))
+            raise MechanismError(f"the lattice {self.name} is a mechanism", self.mechanism, mend)
 
     @cached_property
     def mechanism(self) -> str:
@@ -355,9 +355,7 @@ class LongWaves(Compatibility):
         p, axes = self.periods, self.motions.translations
         if not set(range(p)) <= set(axes):
             raise InputError(
-                message(
-                    f"the motions {self.motions.name!r} have no elastic moduli", "The balls do not move along the lattice"
-                )
+                f"the motions {self.motions.name!r} have no elastic moduli", "The balls do not move along the lattice"
             )
         own = [axes.index(axis) for axis in range(p)]
         c = self.gradient_stiffness(prestress)[..., own, :, :, :][..., own, :] / self.measure
@@ -388,7 +386,7 @@ class LongWaves(Compatibility):
         equation (15) prints d^2/20 (see the errata).
         """
         if self.n_balls != 1 or len(self.motions.rotations) != 1:
-            raise InputError(message("there is no single rotational branch", "It needs friction, and a cell of one ball"))
+            raise InputError("there is no single rotational branch", "It needs friction, and a cell of one ball")
         ahead = self.contacts.vector[:, : self.periods] @ one_direction(direction, self.periods)
         rows, root = self._weight_rows()
         gap, total = self._combine_ends(rows, root)

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from granphon.balls.lattices import find_lattice
 from granphon.balls.loads import force_of_frame
 from granphon.balls.packing import Packing
-from granphon.base.errors import FigureError, InputError, brief, message
+from granphon.base.errors import FigureError, InputError, brief
 from granphon.base.quantities import LOAD_KINDS
 from granphon.base.results import restore
 from granphon.base.scales import HertzPrefix, write_uncertain
@@ -328,19 +328,19 @@ def read_values(dataset: Dataset, name: str, run: str = "") -> Any:
     """Return a variable over the load; :class:`InputError` if it cannot be drawn, FigureError beyond matplotlib's axes."""
     if name not in dataset.variables:
         known = ", ".join(map(str, dataset.data_vars))
-        raise InputError(message(f"the sweep has no variable {name!r}", f"It has {known}"))
+        raise InputError(f"the sweep has no variable {name!r}", f"It has {known}")
     values = dataset[name]
     if name not in list_quantities(dataset, "fiub"):
-        raise InputError(message(f"{name!r} is not one number at each load", mend="Draw another variable"))
+        raise InputError(f"{name!r} is not one number at each load", mend="Draw another variable")
     if not np.any(np.isfinite(values)):
         why = "It is infinite for equal balls" if name == "reduced_force" else ""
-        raise InputError(message(f"{name} of {run or 'the sweep'} has no finite value", why, "Draw another variable"))
+        raise InputError(f"{name} of {run or 'the sweep'} has no finite value", why, "Draw another variable")
     sizes = np.abs(np.asarray(values, float))
     far = (np.isfinite(sizes) & (sizes > _LARGEST)) | ((sizes > 0.0) & (sizes < 1.0 / _LARGEST))
     if np.any(far):
         what = f"{name!r} has the value {np.asarray(values)[far].flat[0]:g}"
         why = f"Figures have axes from {1.0 / _LARGEST:g} to {_LARGEST:g}"
-        raise FigureError(message(what, why, "Draw another variable"))
+        raise FigureError(what, why, "Draw another variable")
     return values
 
 
@@ -673,7 +673,7 @@ def _draw_together(
         runs = [Run.of(f"result {n}", one) for n, one in enumerate(results, 1)]
     given = [data] if isinstance(data, str | os.PathLike | Measurements) else list(data)
     if not runs:
-        raise InputError(message("there is nothing to draw", mend="Give results"))
+        raise InputError("there is nothing to draw", mend="Give results")
     asked = x is not None or y is not None or bool(given)
     if not asked and all(run.bands is not None for run in runs):
         return _draw_bands(runs, ax)
@@ -704,13 +704,13 @@ def _draw_together(
             told = "; ".join(f"{run} has it {f'in {unit}' if unit else 'without a unit'}" for unit, run in units.items())
             what = f"{' and '.join(units.values())} cannot share an axis of {name}"
             mend = "Take --x force (x='force')" if name == across else "Draw another quantity"
-            raise InputError(message(what, told, mend))
+            raise InputError(what, told, mend)
     for curve in curves:
         if not np.all(np.isfinite(curve.x)):
             why = "It is infinite for equal balls" if across == "reduced_force" else ""
-            raise InputError(message(f"{across} of {curve.run} is not finite", why, "Take --x force (x='force')"))
+            raise InputError(f"{across} of {curve.run} is not finite", why, "Take --x force (x='force')")
         if not np.any(np.isfinite(curve.y)):
-            raise InputError(message(f"{along} of {curve.run} has no finite value", mend="Draw another quantity"))
+            raise InputError(f"{along} of {curve.run} has no finite value", mend="Draw another quantity")
     return _draw_curves(ax, curves, measured, across, along)
 
 
@@ -754,7 +754,7 @@ class Run:
             bands, dos = (getattr(result, one, None) for one in ("bands", "dos"))
             return cls(name, dataset, bands, dos, named)
         mend = "Give sweeps, fits, bands, densities of states, or results of scenes"
-        raise InputError(message(f"{brief(result)} shares no figure with others", mend=mend))
+        raise InputError(f"{brief(result)} shares no figure with others", mend=mend)
 
     @property
     def what(self) -> str:
@@ -803,7 +803,7 @@ def choose_axes(runs: Sequence[Run], x: str | None, y: str | None) -> tuple[str,
         other = next((run for run in runs if run.quantities), None)
         what = f"{_list(spectra)} {'holds' if len(spectra) == 1 else 'hold'} {spectra[0].what} and no velocities"
         why = f"{other.name} is {other.what}: they cannot share an axis" if other else "There is nothing over a load"
-        raise InputError(message(what, why, "Draw them in figures of their own"))
+        raise InputError(what, why, "Draw them in figures of their own")
     common = [one for one in runs[0].quantities if all(one in run.quantities for run in runs)]
     if x is None:
         loads = {find_load(run.dataset) for run in runs if run.dataset is not None}
@@ -817,11 +817,11 @@ def choose_axes(runs: Sequence[Run], x: str | None, y: str | None) -> tuple[str,
             data = runs[0].dataset
             own = [] if data is None else [one for one in list_parameters(data) if data[one].dtype.kind in "fiu"]
             mend = f"Did you mean {meant}" if meant else "Use " + ", ".join((*_LOADS, *own))
-            raise InputError(message(f"{x!r} is no load", mend=mend))
+            raise InputError(f"{x!r} is no load", mend=mend)
         if without := [run for run in runs if load not in run.quantities]:
             what = f"{_list(without)} {'has' if len(without) == 1 else 'have'} no {load}"
             held = ", ".join(one for one in _LOADS if one in common) or "figures of their own"
-            raise InputError(message(what, "The runs cannot share that axis", f"Use {held}"))
+            raise InputError(what, "The runs cannot share that axis", f"Use {held}")
     if y is None:
         if (first := next((name for name in _FIRST if name in common), None)) is not None:
             return load, first
@@ -830,14 +830,14 @@ def choose_axes(runs: Sequence[Run], x: str | None, y: str | None) -> tuple[str,
         mend = f"Name a quantity that all hold, as --y {first} (y={first!r})" if first else "Draw each by itself"
         what = f"{_list(runs)} cannot share an axis: no velocity is in all"
         what = what if len(runs) > 1 else f"{runs[0].name} has no velocity"
-        raise InputError(message(what, f"Found {each}", mend))
+        raise InputError(what, f"Found {each}", mend)
     name = y.strip().lower().replace(" ", "_")
     if without := [run for run in runs if name not in run.quantities]:
         if name not in CATALOGUE and (meant := closest(name, common)):
-            raise InputError(message(f"there is no variable {y!r}", mend=f"Did you mean {meant}"))
+            raise InputError(f"there is no variable {y!r}", mend=f"Did you mean {meant}")
         what = f"{_list(without)} {'holds' if len(without) == 1 else 'hold'} no {name}"
         why = f"All runs hold {', '.join(common)}" if common else "No quantity is in all runs"
-        raise InputError(message(what, why, "Draw another quantity, or leave these runs out"))
+        raise InputError(what, why, "Draw another quantity, or leave these runs out")
     return load, name
 
 
@@ -855,7 +855,7 @@ def _find_ratio(runs: Sequence[Run], x: str, mend: str = "Draw over the force") 
     if not ratios.size or not np.all(np.isfinite(ratios)) or np.ptp(ratios) > _SAME * np.max(np.abs(ratios)):
         why = "It is not the same multiple of the contact force in all of them"
         why = "The overlap of balls was not measured" if x == "overlap" else why
-        raise InputError(message(f"the {x} of measured points is not known from these runs", why, mend))
+        raise InputError(f"the {x} of measured points is not known from these runs", why, mend)
     return float(np.median(ratios))
 
 
@@ -863,7 +863,7 @@ def _read_points(given: Any, runs: Sequence[Run], x: str, y: str, balls: int | N
     """Return measured velocities, read from a file if need be, as a curve."""
     entry = CATALOGUE.get(y)
     if entry is None or entry.cost not in ("velocities", "pulse") or entry.unit != "m/s":
-        raise InputError(message(f"measured velocities share no axis with {y}", mend="Take a velocity, as longitudinal"))
+        raise InputError(f"measured velocities share no axis with {y}", mend="Take a velocity, as longitudinal")
     name = "measured"
     if not isinstance(given, Measurements):
         name, first = Path(given).stem, runs[0].dataset
@@ -941,7 +941,7 @@ def _draw_curves(ax: Axes, found: list[Curve], measured: list[Curve], x: str, y:
     points = [curve for curve in found if curve.measured] + measured
     if len(models) > MOST_LOOKS:
         what = f"{len(models)} curves are too many to be told apart"
-        raise InputError(message(what, f"Colours and dashes tell {MOST_LOOKS} apart", "Draw fewer runs in one figure"))
+        raise InputError(what, f"Colours and dashes tell {MOST_LOOKS} apart", "Draw fewer runs in one figure")
     labels, common = _write_legend(models)
     # entries below a heading come last, so that none that does not belong there stands there
     groups: dict[str, list[Line2D]] = {"": []}
@@ -1006,7 +1006,7 @@ def _draw_bands(runs: Sequence[Run], ax: Axes) -> _Drawn:
             paths = f"The one is {'-'.join(first.labels)}, the other {'-'.join(bands.labels)}"
             what = f"the bands of {runs[0].name} and {run.name} cannot share an axis: their paths differ"
             why = paths if bands.labels != first.labels else "The zones of the lattices have other sizes"
-            raise InputError(message(what, why, "Compute them along one path"))
+            raise InputError(what, why, "Compute them along one path")
     unit = HertzPrefix.for_top(max(float(bands.frequencies.max()) for bands in every))
     lines = [list(zip(one.distances, one.connected_frequencies / unit.hertz, strict=True)) for one in every]
     drawn = _draw_spectra(runs, ax, "bands", lines)

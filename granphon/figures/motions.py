@@ -10,9 +10,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import TwoSlopeNorm
 
-from granphon.base.errors import InputError, brief, message
+from granphon.base.errors import InputError, brief
 from granphon.base.scales import prefixed
-from granphon.waves.nonlinear import Motion
+from granphon.waves.motion import Motion
 
 
 def plot_motion(motion: Motion, ax: Axes, *, show: Literal["velocities", "forces"] = "velocities", axis: int = 0) -> Axes:
@@ -21,7 +21,7 @@ def plot_motion(motion: Motion, ax: Axes, *, show: Literal["velocities", "forces
     Balls, or contacts, are in the order of the network: along a chain, from left to right.
     """
     if show not in ("velocities", "forces") or axis not in (0, 1, 2):
-        raise InputError(message(f"show is {brief(show)}, axis {brief(axis)}", mend="Give velocities or forces, 0, 1 or 2"))
+        raise InputError(f"show is {brief(show)}, axis {brief(axis)}", mend="Give velocities or forces, 0, 1 or 2")
     values, what = motion.velocities[:, :, axis], f"Velocity along {'xyz'[axis]}"
     scale, unit = prefixed(max(float(np.abs(values).max()), 1e-300), "m/s")
     if show == "forces":

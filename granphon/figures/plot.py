@@ -7,7 +7,7 @@ from importlib import import_module
 from inspect import signature
 from typing import TYPE_CHECKING, Any
 
-from granphon.base.errors import InputError, brief, message
+from granphon.base.errors import InputError, brief
 from granphon.networks.network import refuse_unpressed
 from granphon.runs.dataset import find_dataset
 
@@ -96,7 +96,7 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
         known, given = _PICTURES["granphon.ContactNetwork"], _find_network(result)
     if not given or (kinds[0] == "xarray.Dataset" and dataset is None):
         refuse_unpressed(result)
-        raise InputError(message(f"{brief(result)} has no default picture", mend=f"Give {_WORDS}"))
+        raise InputError(f"{brief(result)} has no default picture", mend=f"Give {_WORDS}")
     draw: Callable[..., Any] = getattr(import_module(f"granphon.figures.{known[0]}"), known[1])
     _require_options(draw, known[1], given | {"ax": None}, options)
     if known[3]:
@@ -139,4 +139,4 @@ def _require_options(draw: Callable[..., Any], name: str, given: dict[str, Any],
     allowed = [one for one in signature(draw).parameters if one not in given]
     if unknown := [one for one in options if one not in allowed]:
         mend = f"It has {', '.join(allowed)}" if allowed else "It has none"
-        raise InputError(message(f"{name} has no option {', '.join(unknown)}", mend=mend))
+        raise InputError(f"{name} has no option {', '.join(unknown)}", mend=mend)

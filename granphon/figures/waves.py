@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError
 from granphon.base.scales import HertzPrefix
 from granphon.figures.bands import name_corners
 from granphon.figures.curves import describe_lines, find_load
@@ -133,7 +133,7 @@ def plot_surface(spectrum: SurfaceSpectrum, ax: Axes, *, branches: SurfaceBranch
     unit, q, own = HertzPrefix.for_top(float(spectrum.edges.max())), spectrum.qpoints, branches or spectrum.waves
     y = spectrum.frequencies / unit.hertz
     if len(y) < 2:
-        raise InputError(message("a map needs several frequencies", mend="Give more of them"))
+        raise InputError("a map needs several frequencies", mend="Give more of them")
     edges = spectrum.edges / unit.hertz
     if len(q) == 1:
         for colour, letter, values in zip(COLOURS, spectrum.letters, spectrum.by_motion[0].T, strict=False):
@@ -148,7 +148,7 @@ def plot_surface(spectrum: SurfaceSpectrum, ax: Axes, *, branches: SurfaceBranch
         return ax
     moving = np.flatnonzero(np.ptp(q, axis=0) > 0.0)
     if not moving.size:
-        raise InputError(message("a map needs several wave vectors", mend="Give more of them"))
+        raise InputError("a map needs several wave vectors", mend="Give more of them")
     x = spectrum.distances if spectrum.labels else q[:, moving[0]]
     _draw_map(ax, x, y, spectrum.values, "Outer layer", unit, shading="nearest", gid="surface")
     for number, edge in enumerate(edges.reshape(len(q), -1).T):
@@ -340,7 +340,7 @@ def choose_states(dataset: Dataset, name: str, what: str) -> tuple[list[tuple[An
     Of each they are its colour, and what returns the values of a variable there, of a polarisation if it has several.
     """
     if name not in dataset:
-        raise InputError(message(f"the sweep has no {what}", mend="Draw another figure"))
+        raise InputError(f"the sweep has no {what}", mend="Draw another figure")
     load = find_load(dataset)
     values, unit, lines, found = (
         dataset[load].values,
@@ -422,7 +422,7 @@ def plot_frame(network: ContactNetwork, pulse: Pulse, frame: int, ax: Axes, most
     """
     if not 0 <= frame < len(pulse.frames):
         what = f"the pulse has no frame {frame}; it has {len(pulse.frames)}"
-        raise InputError(message(what, mend="Give transmit the times of frames"))
+        raise InputError(what, mend="Give transmit the times of frames")
     along = pulse.velocities[frame] @ pulse.polarisation
     limit = float(np.max(np.abs(along))) if most is None else most
     there = np.isfinite(network.radii)
@@ -450,7 +450,7 @@ def animate_pulse(network: ContactNetwork, pulse: Pulse, interval: float = 60.0,
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     if not len(pulse.frames):
-        raise InputError(message("the pulse has no frames", mend="Give transmit the times of frames"))
+        raise InputError("the pulse has no frames", mend="Give transmit the times of frames")
     with matplotlib.rc_context(STYLE):
         if figure is None:
             figure = Figure((COLUMN_WIDTH, COLUMN_WIDTH), dpi=DPI // 2, layout="constrained")

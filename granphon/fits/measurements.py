@@ -11,7 +11,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError
 from granphon.base.quantities import FREQUENCY, LENGTH, LIGHT_VELOCITY, LOADS, TIME, Quantity, load_quantities
 from granphon.base.results import Result
 from granphon.base.tables import Table
@@ -77,13 +77,13 @@ class Measurements(Result):
                 counts[name] = array.size
                 if name == "velocity" and np.max(array, initial=0.0) > LIGHT_VELOCITY:
                     what = f"velocity is {np.max(array):.6g} m/s, more than the velocity of light"
-                    raise InputError(message(what, mend="Look at the unit, and at the number itself"))
+                    raise InputError(what, mend="Look at the unit, and at the number itself")
                 object.__setattr__(self, name, array if np.ndim(given) or name in ("force", "velocity") else float(array[0]))
         n = counts["force"]
         if counts["velocity"] != n or any(np.ndim(x) and np.size(x) != n for x in (self.sigma, self.frequency)):
             found = ", ".join(f"{count} of {name}" for name, count in counts.items())
             mend = "Give the same number of each; sigma and frequency may be one number"
-            raise InputError(message(f"found {found}", mend=mend))
+            raise InputError(f"found {found}", mend=mend)
         super().__post_init__()
 
     @classmethod
@@ -119,13 +119,13 @@ class Measurements(Result):
             if name not in COLUMNS:
                 meant = closest(name, COLUMNS)
                 mend = f"Did you mean {meant}" if meant else "Use " + ", ".join(COLUMNS)
-                raise InputError(message(f"{name!r} is not a kind of column of measurements", mend=mend))
+                raise InputError(f"{name!r} is not a kind of column of measurements", mend=mend)
 
         def choose(*kinds: str) -> str | None:
             """Return which of these kinds of column the table has; None if it has none of them."""
             there = [kind for kind in kinds if kind in named] or [kind for kind in kinds if kind in table]
             if len(there) > 1:
-                raise InputError(message(f"{path} has both {' and '.join(there)}", mend=_tell_column(there[0])))
+                raise InputError(f"{path} has both {' and '.join(there)}", mend=_tell_column(there[0]))
             return there[0] if there else None
 
         quantities = {**COLUMNS, **load_quantities(periods)}
@@ -137,11 +137,11 @@ class Measurements(Result):
         if load == "side_force" and frame is None:
             why = "The contact forces depend on the number of balls on a side too"
             mend = "Give the scene's load as side_force and balls_per_side"
-            raise InputError(message(f"{path} gives side forces", why, mend))
+            raise InputError(f"{path} gives side forces", why, mend)
         if load == "pressure" and pressed is None:
             why = "The contact forces depend on the packing too"
             mend = "Give pressed, a function that returns the contact forces"
-            raise InputError(message(f"{path} gives pressures", why, mend))
+            raise InputError(f"{path} gives pressures", why, mend)
         timed, error, pulsed = choose("velocity", "time") == "time", choose("sigma", "time_sigma"), choose("frequency")
         needed = ["time", *["distance"] * (distance is None)] if timed else ["velocity"]
         if error == "time_sigma" and not timed:
@@ -163,7 +163,7 @@ class Measurements(Result):
                 f" --column '{first}=NAME ({unit})', Python columns={{'{first}': 'NAME ({unit})'}}"
             )
             why = f"Its columns are {', '.join(repr(str(heading)) for heading in table.headings)}"
-            raise InputError(message(f"{table.name} has {', and '.join(lacks)}", why, mend))
+            raise InputError(f"{table.name} has {', and '.join(lacks)}", why, mend)
         converted = {"side_force": frame, "pressure": pressed}.get(load or "force")
         force = read(load or "force")
         if converted is not None:
@@ -172,7 +172,7 @@ class Measurements(Result):
         if distance is not None and told is not None:
             why = "A distance given beside the table is for times of flight only, and for all of them"
             mend = "Leave it out" if timed else "Leave it out, or name the column of times"
-            raise InputError(message(f"{path} has a {told} column, and a distance is given too", why, mend))
+            raise InputError(f"{path} has a {told} column, and a distance is given too", why, mend)
         if not timed:
             velocity = read("velocity")
         else:

@@ -23,7 +23,7 @@ from granphon.array.sample import STEP, Sample, jackknife
 from granphon.array.stencils import Stencils
 from granphon.balls.hertz import HertzLaw
 from granphon.balls.loads import Load
-from granphon.base.errors import GranphonError, InputError, brief, message
+from granphon.base.errors import GranphonError, InputError, brief
 from granphon.base.progress import Progress, silent
 from granphon.base.results import read_only
 from granphon.dynamics.tensors import longitudinal_modulus
@@ -357,7 +357,7 @@ class DirectSimulation(SampledBalls, MediumBase[SimulatedState]):
             raise no_finite_overlap(self.name)
         if finite_overlap is not None and self.is_exact and not wanted:
             why = "Balls that have their true geometry overlap as much as they do"
-            raise InputError(message("the exact geometry has finite overlap", why, "Leave finite_overlap out"))
+            raise InputError("the exact geometry has finite overlap", why, "Leave finite_overlap out")
         prescribed = self.prescribed(load)
         if self.history.is_loaded:
             return self._press(load, prescribed)
@@ -407,17 +407,17 @@ class DirectSimulation(SampledBalls, MediumBase[SimulatedState]):
         """
         if not self.history.is_loaded:
             why = "Without friction the forces do not depend on the way to the load"
-            raise InputError(message("a path needs friction_history", why, "Give friction_history=True, or use at_force"))
+            raise InputError("a path needs friction_history", why, "Give friction_history=True, or use at_force")
         given: dict[str, ArrayLike | None] = {"force": force, "pressure": pressure, "overlap": overlap}
         if load is None:
             load = Load.only(**given)
         elif not isinstance(load, Load):
             what = f"a path takes no {brief(load)}"  # type: ignore[unreachable]
             mend = "Give force=[...] (N), pressure=[...] or overlap=[...] (m), or a Load of granphon.balls.loads"
-            raise InputError(message(what, "It does not say what kind of load that is", mend))
+            raise InputError(what, "It does not say what kind of load that is", mend)
         elif kinds := [kind for kind, values in given.items() if values is not None]:
             what = f"the loads of a path are given as a Load and as {' and '.join(kinds)}"
-            raise InputError(message(what, mend="Give one"))
+            raise InputError(what, mend="Give one")
         load = load.applied
         simulation = replace(self, ordered=True)
         return simulation._press(load, simulation.prescribed(load), progress)
@@ -524,4 +524,4 @@ def no_finite_overlap(medium: str) -> InputError:
     """Return the error for terms of finite overlap in a ``medium`` that is, or may become, a simulation."""
     what = f"the medium {medium!r} has no terms of finite overlap"
     why = "Its linear response is found in the limit of spread and overlap small against the diameter"
-    return InputError(message(what, why, "Leave finite_overlap out, simulate with geometry exact, or take another medium"))
+    return InputError(what, why, "Leave finite_overlap out, simulate with geometry exact, or take another medium")

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import PARAMETERS
-from granphon.base.errors import InputError, InstabilityError, MechanismError, message
+from granphon.base.errors import InputError, InstabilityError, MechanismError
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import LIGHT_VELOCITY, LOAD_KINDS, find_load_unit
 from granphon.base.tables import Heading, write_table
@@ -181,7 +181,7 @@ def make_frame(grid: Grid) -> Dataset:
         if len({(case.packing.structure, case.packing.ball_motions) for case in grid.cases}) > 1:
             why = "The number of branches, or the Brillouin zone, differs, so that they do not fit into one array"
             what = "bands cannot be swept over friction, motions or lattices"
-            raise InputError(message(what, why, "Make a sweep of each"))
+            raise InputError(what, why, "Make a sweep of each")
         vectors, p = packing.structure.vectors, packing.structure.periods
         qpoints, ticks = way
         cartesian = qpoints[..., :p] @ np.linalg.inv(vectors[:, :p]).T
@@ -483,11 +483,11 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
     except Exception as error:  # whatever makes HDF5, h5netcdf or xarray fail is in the file
         raise _explain_unreadable(path, str(error)) from None
     if dataset.attrs.get("format") != FORMAT:
-        raise InputError(message(f"{path} is not a sweep", "granphon did not write it", "Give a sweep.nc"))
+        raise InputError(f"{path} is not a sweep", "granphon did not write it", "Give a sweep.nc")
     schema: Any = dataset.attrs.get("schema")
     require_schema(path, schema.item() if isinstance(schema, np.generic) else schema, SWEEP_SCHEMA)
     if _REQUIRED - set(dataset.variables):
-        raise InputError(message(f"{path} is damaged: a part of the sweep is missing", mend="Run the sweep again"))
+        raise InputError(f"{path} is damaged: a part of the sweep is missing", mend="Run the sweep again")
     told = dataset.attrs.pop(DIGEST, None)
     if told is not None and told != _digest_numbers(dataset):
         raise damage_error(path, f"sha256 of the numbers, the attribute {DIGEST}")
@@ -505,7 +505,7 @@ def _require_sense(path: str | os.PathLike[str], dataset: Dataset) -> None:
                 raise ValueError
         except (TypeError, ValueError, RecursionError):
             what = f"{path} is damaged: its attribute {name} is {show(dataset.attrs[name])}, which is no JSON {_WORDS[kind]}"
-            raise InputError(message(what, mend="Run the sweep again")) from None
+            raise InputError(what, mend="Run the sweep again") from None
     # velocities that balls with some of the motions do not have are nan, and pressures that some lattices do not have
     lacking = not {"motions", "torsion", "bending", "lattice"}.isdisjoint(dataset.coords)
     for name in map(str, dataset.variables):
@@ -532,7 +532,7 @@ def _require_sense(path: str | os.PathLike[str], dataset: Dataset) -> None:
             wrong = None if np.all(good) else f"of which one is {values[~good].flat[0]:g}; allowed: {allowed}"
         if wrong is not None:
             what = f"{path} is damaged: it holds values of {name}, {wrong}"
-            raise InputError(message(what, mend="Run the sweep again"))
+            raise InputError(what, mend="Run the sweep again")
 
 
 def open_bytes(data: bytes) -> Dataset:
@@ -562,7 +562,7 @@ def open_bytes(data: bytes) -> Dataset:
 
 
 def _explain_unreadable(path: str | os.PathLike[str], why: str) -> InputError:
-    return InputError(message(f"{path} cannot be read", why, "Is this the right file?"))
+    return InputError(f"{path} cannot be read", why, "Is this the right file?")
 
 
 def _try_elsewhere(path: str | os.PathLike[str], data: bytes) -> None:

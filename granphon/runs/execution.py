@@ -18,7 +18,7 @@ from itertools import chain
 from queue import Empty, SimpleQueue
 from typing import NamedTuple, Protocol
 
-from granphon.base.errors import GranphonError, OutputError, message
+from granphon.base.errors import GranphonError, OutputError
 from granphon.base.progress import Progress, Step, silent
 from granphon.runs.store import Store, TaskResult, decode, encode
 from granphon.runs.workers import InProcess, check_workers, client_of, count_calls, packages, require_packages
@@ -204,7 +204,7 @@ class _Work:
         except CancelledError:
             what, why = "the scheduler does not answer any more", "It has ended, or the network has failed"
             mend = "What is finished is kept: run the same command again to continue"
-            raise GranphonError(message(what, why, mend)) from None
+            raise GranphonError(what, why, mend) from None
         except Exception as error:  # BrokenProcessPool, or KilledWorker of dask
             if not isinstance(error, BrokenExecutor) and type(error).__name__ != "KilledWorker":
                 raise
@@ -213,7 +213,7 @@ class _Work:
             if len(self.running) == len(indices) == 1 and times >= MOST_LOSSES:
                 what = f"{where}: the worker process that did it has ended, {times} times"
                 mend = "Give workers more memory, or take fewer --workers; run the same command again to continue"
-                raise GranphonError(message(what, "It was killed, or ran out of memory", mend)) from None
+                raise GranphonError(what, "It was killed, or ran out of memory", mend) from None
         for index, result in zip(indices, results, strict=False):
             self.store.append(self.tasks[index].name, result.entry)
         self.left.extendleft(reversed(indices[len(results) :]))

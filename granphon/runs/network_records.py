@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -31,8 +32,8 @@ Record = Mapping[str, Array]
 def require_network(serving_media: Sequence[ServingMedium], wanted: NetworkSettings, key: str, most: float = np.inf) -> None:
     """Raise unless the networks of a case, repeated and cut, have what the ``key`` of the settings says of them.
 
-    Those of packings are of equal balls at a typical force, and of arrays up to ``most`` balls; crystals that are not quickly
-    loaded are left out.
+    Those of packings are of equal balls at a typical force, and of arrays up to ``most`` balls; crystals that are not
+    quickly loaded are left out.
     """
     wanted = replace(wanted, cut=()) if key == "repeat" else wanted
     for serving in serving_media:
@@ -63,7 +64,7 @@ def _record_response(network: ContactNetwork, wanted: ResponseSettings) -> dict[
     )  # fmt: skip
     balls = len(found.receivers) - len(places) + 1
     starts = np.cumsum([0, *(balls if one == "plane" else 1 for one in places)])
-    means = [np.mean(found.values[:, first:end], axis=1) for first, end in zip(starts, starts[1:], strict=False)]
+    means = [np.mean(found.values[:, first:end], axis=1) for first, end in pairwise(starts)]
     return {"response": np.transpose(means), "response_note": np.array(" ".join(found.warnings))}
 
 

@@ -33,7 +33,7 @@ from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.parameters import Axis, combine
-from granphon.base.errors import ConvergenceError, GranphonError, InputError, MechanismError, message
+from granphon.base.errors import ConvergenceError, GranphonError, InputError, MechanismError
 from granphon.base.results import plain, read_only
 from granphon.base.text import counted
 from granphon.media.arrangement import Balls
@@ -249,10 +249,10 @@ def require_arrays(media: Sequence[MediumChoice], swept: Iterable[str], names: I
         return
     if changing := [name for name in swept if name in ("lattice", "motions")]:
         what = f"the spectra of a sweep over {changing[0]} do not fit into one array"
-        raise InputError(message(what, "Their wave vectors or polarisations differ", "Make a scene of each"))
+        raise InputError(what, "Their wave vectors or polarisations differ", "Make a scene of each")
     if len({one.settings.get("shape") for one in media}) > 1:
         what = "the spectra of arrays of several shapes do not fit into one array"
-        raise InputError(message(what, "Their wave vectors differ", "Make a scene of each shape"))
+        raise InputError(what, "Their wave vectors differ", "Make a scene of each shape")
 
 
 def pad_alike(arrays: Sequence[Array]) -> list[Array]:
@@ -410,7 +410,7 @@ class MediumTask:
         return found | {"warnings": _write_notes(notes)}
 
     def add_networks(self, out: TaskResult, state: ContactState) -> TaskResult:
-        """Return ``out`` with what is asked of the network at each load, of a state without samples; errors name the load."""
+        """Return ``out`` with what is asked of the network at each load, without samples; errors name the load."""
         if self.asked.waves is None:
             return out
         from granphon.runs.wave_records import record_networks  # imported here: other runs do not need it

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from granphon.array.sample import Sample, standard_error
 from granphon.balls.loads import Load
-from granphon.base.errors import GranphonError, InputError, message
+from granphon.base.errors import GranphonError, InputError
 from granphon.base.results import Result
 from granphon.media.choice import ServingMedium
 from granphon.media.cost import find_typical_force
@@ -182,7 +182,7 @@ def read_waves(path: Path) -> Any:
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError):
-        raise InputError(message(f"{path} is not JSON", mend="Run the scene again")) from None
+        raise InputError(f"{path} is not JSON", mend="Run the scene again") from None
     try:
         return kinds[path.stem].from_dict(data)
     except InputError as error:

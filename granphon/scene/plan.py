@@ -11,7 +11,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from granphon.balls.layers import Layers
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import Axis, change_packing, count_combinations, find_unit
-from granphon.base.errors import GranphonError, InputError, MechanismError, Refused, message
+from granphon.base.errors import GranphonError, InputError, MechanismError, Refused
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import LENGTH, find_load_unit
 from granphon.base.tables import Heading, table_text
@@ -136,7 +136,7 @@ class PlannedCase:
         serving = next(serving for serving in self.serving_media if index in serving.loads)
         state = self._solve(serving, self.case.load[index])
         if not (0.0 < state.scales.frequency < math.inf and 0.0 < state.scales.velocity < math.inf):
-            raise InputError(message("the frequencies or velocities are beyond double precision"))
+            raise InputError("the frequencies or velocities are beyond double precision")
         return state
 
     def _solve(self, serving: ServingMedium, load: Load) -> ContactState:
@@ -180,7 +180,7 @@ class Plan:
             object.__setattr__(self, "packing", change_packing(self.packing, {"lattice": swept[0]}))
         if not self.mesh:
             object.__setattr__(self, "mesh", MESHES[lattice.periods - 1])
-        if isinstance(self.media, tuple | list) and not self.media:
+        if isinstance(cast("object", self.media), tuple | list) and not self.media:
             object.__setattr__(self, "media", default_medium(self.packing, self.balls_differ))
         at = Context(lattice, written=False, kinds=self.packing.kind_names)
         for name in ("media", "finite_overlap", "observe", "band_points", "mesh", "dim", "direction"):
@@ -192,7 +192,7 @@ class Plan:
         if self.band is None and (lattice.periods == 2 or {"bands", "spectrum"} & set(self.observe)):
             object.__setattr__(self, "band", BandPath.default(lattice))
         if self.load.array.ndim > 1:
-            raise InputError(message(f"the load has the shape {self.load.shape}", mend="Give one number, or a list of them"))
+            raise InputError(f"the load has the shape {self.load.shape}", mend="Give one number, or a list of them")
         self._require_consistency()
 
     @property
@@ -241,7 +241,7 @@ class Plan:
         if len(text.encode()) > MOST_SCENE_BYTES:
             size, most = len(text.encode()) // 1000, MOST_SCENE_BYTES // 1000
             what = f"the scene takes {size} kB as a text; a scene file holds {most} kB"
-            raise InputError(message(what, mend="Give long lists as a range, or call granphon.sweep"))
+            raise InputError(what, mend="Give long lists as a range, or call granphon.sweep")
         return text
 
     def describe(self) -> list[tuple[str, Any, str]]:
@@ -348,7 +348,7 @@ class Plan:
     def case(self) -> PlannedCase:
         """The only case of a scene of one state; :class:`~granphon.base.errors.InputError` if the scene is a sweep."""
         if not self.is_single:
-            raise InputError(message("the scene is a sweep", "It has many states", "Use states(), or run it"))
+            raise InputError("the scene is a sweep", "It has many states", "Use states(), or run it")
         return self.cases[0]
 
     @property
@@ -411,7 +411,7 @@ class Plan:
                             mend = "In a scene of its own it has bands and a density of states: observe: [bands, dos]"
                         elif not self.is_single:
                             mend = "It has bands, which a sweep without velocities has: observe: [bands]"
-                        raise MechanismError(message(str(error), mend=mend)) from None
+                        raise MechanismError(str(error), mend=mend) from None
             with self.origin.at_medium(case.medium.label, f"a medium for the {packing.structure.name} lattice"):
                 # a sweep leaves it to its own processes to solve one law after the other
                 later = not self.is_single and medium.is_solved_anew
@@ -536,7 +536,7 @@ class Plan:
             return total if parts else None
         path, mend, _ = max(parts, key=lambda part: float(getattr(part[2], of)))
         with self.origin.at(*path):
-            raise InputError(message(f"{total.text}, and {limit}", mend=mend))
+            raise InputError(f"{total.text}, and {limit}", mend=mend)
 
     @cached_property
     def parts(self) -> list[CostPart]:

@@ -27,7 +27,7 @@ from granphon.balls.material import Material, read_poisson_ratio
 from granphon.balls.motions import allowed_motions
 from granphon.balls.packing import MINDLIN
 from granphon.balls.parameters import KIND_PARAMETERS, PARAMETERS, Axis, find_double, find_unit
-from granphon.base.errors import InputError, Refused, message
+from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import (
     ADHESION,
     DENSITY,
@@ -51,6 +51,7 @@ from granphon.base.validation import (
     choice,
     each,
     grid,
+    is_one_of,
     is_whole,
     label,
     number,
@@ -285,7 +286,7 @@ def _read_motions(value: Any, at: Context) -> str:
     """Read the name of motions that the balls of the lattice can have, in a sweep those of each lattice."""
     for lattice in at.swept or (at.lattice,):
         options = tuple(allowed_motions(lattice.dimension))
-        if not (isinstance(value, str) and value in options):
+        if not is_one_of(value, options):
             allowed = f"{', '.join(options)}; the {lattice.name} lattice lies {_PLACES[lattice.dimension - 1]}"
             meant = closest(value.replace(" ", "_"), options) if isinstance(value, str) else None
             raise Refused(show(value), allowed, f"Did you mean {meant!r}?" if meant else "")
@@ -422,7 +423,7 @@ def read_observables(value: Any) -> tuple[str, ...]:
     """Read the names of what a scene observes, each once; they are returned in the order of ``OBSERVABLES``."""
     allowed = "a list of one or more of " + ", ".join(OBSERVABLES)
     if not isinstance(value, list | tuple) or not value:
-        mend = f"Did you mean [{value}]?" if isinstance(value, str) and value in OBSERVABLES else ""
+        mend = f"Did you mean [{value}]?" if is_one_of(value, OBSERVABLES) else ""
         raise Refused(show(value) if value != [] else "an empty list", allowed, mend)
     names = tuple(choice(name, OBSERVABLES) for name in value)
     if double := [name for name in names if names.count(name) > 1]:
@@ -618,7 +619,7 @@ def _read_replaced(value: Any) -> tuple[tuple[int, str], ...]:
 def _read_law(value: Any) -> Any:
     """Read a law, or a block of pairs of kinds with a law for each; returns the law, or items of pairs."""
     name, given = next(iter(value.items())) if isinstance(value, dict) and len(value) == 1 else (value, {})
-    if isinstance(name, str) and name in _LAWS:
+    if is_one_of(name, _LAWS):
         made, rules = _LAWS[name]
         found = read_inside(name, partial(block, rules={key: one.rule(Context()) for key, one in rules.items()},
                                           needed=tuple(rules)), given or {})  # fmt: skip
@@ -638,7 +639,7 @@ def _write_law(law: Any) -> Any:
             numbers = {key: rules[key].write(getattr(law, field), Context()) for key, field in fields.items()}
             return {name: numbers} if numbers else name
     what = f"the law {law!r}"
-    raise InputError(message(what, "A scene file has no words for it", f"Use {', '.join(_LAWS)}, or granphon.sweep"))
+    raise InputError(what, "A scene file has no words for it", f"Use {', '.join(_LAWS)}, or granphon.sweep")
 
 
 def _read_any_motions(value: Any) -> str:

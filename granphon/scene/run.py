@@ -43,7 +43,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granphon.base.errors import GranphonError, InputError, message
+from granphon.base.errors import GranphonError, InputError
 from granphon.base.progress import Progress, silent
 from granphon.base.results import write_html
 from granphon.base.staging import ResultFiles, is_whole
@@ -101,7 +101,8 @@ RESULT_FILES = (
     "scene.yaml", "summary.yaml", "sweep.nc", "sweep.csv", "sweep_dos.csv", "sweep_spectra.csv", "band.yaml",
     "phonopy_params.yaml", "dos.csv", "sample.extxyz", "sample_balls.csv", "sample_contacts.csv",
     *(f"{stem}.{ending}" for stem in KEPT for ending in ("json", "csv")),
-    *(f"{name}.{ending}" for name in NETWORK_BLOCKS for ending in ("csv", "png")), "sweep.png", *SWEEP_FIGURES, "bands.png", "dos.png", "forces.png", *(f"{stem}.png" for stem in KEPT),
+    *(f"{name}.{ending}" for name in NETWORK_BLOCKS for ending in ("csv", "png")),
+    "sweep.png", *SWEEP_FIGURES, "bands.png", "dos.png", "forces.png", *(f"{stem}.png" for stem in KEPT),
     "sweep_incomplete.nc", "sweep_incomplete.csv", DIAMETERS_FILE,
 )  # fmt: skip
 #: variables of which the summary of several states lists the least and the greatest value
@@ -202,7 +203,7 @@ class RunResult:
     @cached_property
     def _analysis(self) -> Analysis:
         if not self.scene.is_single:
-            raise InputError(message("the result is that of a sweep", "It has no single state", "Take its dataset"))
+            raise InputError("the result is that of a sweep", "It has no single state", "Take its dataset")
         return Analysis(self.scene.state(), self.scene.direction) if self.given is None else self.given
 
     @property
@@ -548,7 +549,7 @@ def read_summary(folder: Path) -> dict[str, Any]:
     path = folder / "summary.yaml"
     found = read_yaml(path)
     if not isinstance(found, dict):
-        raise InputError(message(f"{path} holds no keys", "Granphon did not write it so", "Run the scene again"))
+        raise InputError(f"{path} holds no keys", "Granphon did not write it so", "Run the scene again")
     require_schema(path, found.get("schema"), SUMMARY_SCHEMA)
     return found
 

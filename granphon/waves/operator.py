@@ -68,7 +68,7 @@ class WaveOperator(LinearOperator[np.float64]):
         self.network, self.motions = network, network.ball_motions
         self.balls = np.flatnonzero(network.moving)
         if not self.balls.size or not network.n_contacts:
-            raise InputError(message("no waves run in this network", "It has no ball that moves, or no contact"))
+            raise InputError("no waves run in this network", "It has no ball that moves, or no contact")
         size = self.balls.size * self.motions.count
         super().__init__(np.float64, (size, size))  # type: ignore[call-arg]  # the stubs do not know this constructor
 
@@ -132,7 +132,7 @@ class WaveOperator(LinearOperator[np.float64]):
             roll=network.bending_stiffness, gyration_i=of_ball[network.i], gyration_j=of_ball[network.j],
         )  # fmt: skip
         if not rows:
-            raise InputError(message(f"the motions {self.motions.name!r} deform no contact of this network"))
+            raise InputError(f"the motions {self.motions.name!r} deform no contact of this network")
         return rows
 
     @cached_property

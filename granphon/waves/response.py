@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.sparse_matrices import factorise
-from granphon.base.errors import ConvergenceError, InputError, brief, message
+from granphon.base.errors import ConvergenceError, InputError, brief
 from granphon.base.results import Result
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
@@ -161,7 +161,7 @@ def read_frequencies(given: ArrayLike) -> Array:
     found = np.atleast_1d(finite_array("frequencies", given, "Hz", "zero or above"))
     if found.ndim != 1 or np.any(np.diff(found) <= 0.0):
         why = "They are a list" if found.ndim != 1 else "Each is to be above the one before"
-        raise InputError(message("the frequencies are not sorted", why, "Give np.unique(frequencies)"))
+        raise InputError("the frequencies are not sorted", why, "Give np.unique(frequencies)")
     return found
 
 
@@ -210,7 +210,7 @@ def find_response(
     network, hertz = operator.network, read_frequencies(frequencies)
     for name, word, known in (("quantity", quantity, tuple(QUANTITIES)), ("method", method, (None, *METHODS))):
         if word not in known:
-            raise InputError(message(f"{name} is {brief(word)}", mend=f"Use {', '.join(filter(None, known))}"))
+            raise InputError(f"{name} is {brief(word)}", mend=f"Use {', '.join(filter(None, known))}")
     damped, places = ContactDamping.of(network, damping, loss_factor), _Places(network, direction, polarisation, distance)
     moved = quantity == "transmissibility"
     sources, pushes = places.find("source", source, held=moved)
@@ -270,15 +270,15 @@ class _Places:
                 found, vector = read_balls(name, one[0], network), self._read_direction(one[1])
             else:
                 mend = "Give (ball, direction), (balls, direction), 'plane', or a list of these"
-                raise InputError(message(f"the {name} is {brief(one)}", mend=mend))
+                raise InputError(f"the {name} is {brief(one)}", mend=mend)
             if abs(np.linalg.norm(vector[axes]) - 1.0) > 1e-9:
                 moves, shown = " and ".join("xyz"[axis] for axis in axes), ", ".join(f"{x:.6g}" for x in vector)
-                raise InputError(message(f"the {name} is along ({shown})", f"Balls move along {moves} only"))
+                raise InputError(f"the {name} is along ({shown})", f"Balls move along {moves} only")
             balls.append(found)
             vectors.append(np.tile(vector, (len(found), 1)))
         every = np.concatenate(balls)
         if not every.size:
-            raise InputError(message(f"there is no {name}", mend="Give (ball, direction), or a list of these"))
+            raise InputError(f"there is no {name}", mend="Give (ball, direction), or a list of these")
         wrong = every[network.moving[every] == held]
         if wrong.size:
             what = f"ball {wrong[0]} of the {name} {'moves' if held else 'does not move'}"
@@ -286,13 +286,13 @@ class _Places:
             mend = (
                 "Give a body of infinite mass" if held else "Ask for the transmissibility, to move it" * (name == "source")
             )
-            raise InputError(message(what, why, mend))
+            raise InputError(what, why, mend)
         return every, np.concatenate(vectors)
 
     def _read_direction(self, given: Any) -> Array:
         if isinstance(given, str):
             if given not in ("x", "y", "z"):
-                raise InputError(message(f"a direction is {brief(given)}", mend="Use x, y, z, or a vector"))
+                raise InputError(f"a direction is {brief(given)}", mend="Use x, y, z, or a vector")
             return np.asarray(np.eye(3)["xyz".index(given)])
         return read_vector("direction", given, self.network.dimension)
 
@@ -302,7 +302,7 @@ class _Places:
         if held:
             still = np.flatnonzero(~network.moving)
             if not still.size:
-                raise InputError(message("no body of this network is held", mend="Cut it with clamped edges or a floor"))
+                raise InputError("no body of this network is held", mend="Cut it with clamped edges or a floor")
             heights = course.heights[still]
             return np.asarray(still[heights <= np.min(heights) + 0.5 * course.spacing])
         places = course.places[network.moving]
@@ -313,7 +313,7 @@ class _Places:
             return course.find_plane(course.find_place(course.find_plane(first, name)) + self.distance, name)
         if math.isfinite(course.period):
             what = "the receiving plane has no distance, and the network repeats along the direction"
-            raise InputError(message(what, mend="Give the distance, m, from the first plane"))
+            raise InputError(what, mend="Give the distance, m, from the first plane")
         return course.find_plane(float(np.max(places)), name)
 
 
@@ -341,9 +341,7 @@ class _Problem:
         dimension, even = operator.network.dimension, self.damping.find_even(operator.network)
         if even is None and method == "krylov":
             why = "A Krylov space is for a loss factor that all have, and a viscosity in proportion to all stiffnesses"
-            raise InputError(
-                message("the contacts are not damped alike, or static forces act", why, "Use the direct method")
-            )
+            raise InputError("the contacts are not damped alike, or static forces act", why, "Use the direct method")
         values, error = np.zeros((omega.size, len(self.heard)), complex), np.full(omega.size, np.inf)
         fits, steps = n <= LARGEST_FACTORS[dimension], 0
         if even is not None and method != "direct" and (n > _FEW or method == "krylov"):
@@ -360,7 +358,7 @@ class _Problem:
             why = (
                 "In a large network modes lie close together, and with little damping the response is that of each by itself"
             )
-            raise ConvergenceError(message(what, why, "Give more damping, alike in all contacts, or take a smaller network"))
+            raise ConvergenceError(what, why, "Give more damping, alike in all contacts, or take a smaller network")
         if left.size:
             values[left], error[left] = self._factorise(omega[left])
         return values, error, int(left.size), steps if left.size < omega.size else 0
@@ -464,4 +462,4 @@ class _Problem:
 def _explain_resonance(omega: float) -> InputError:
     what = f"the response at {write_quantity(omega / (2.0 * math.pi), 'Hz', 6)} has no bound"
     why = "The network has a mode of this frequency that loses no energy"
-    return InputError(message(what, why, "Give a damping or a loss_factor, or another frequency"))
+    return InputError(what, why, "Give a damping or a loss_factor, or another frequency")

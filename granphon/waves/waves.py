@@ -12,7 +12,7 @@ from typing import Any, Concatenate, ParamSpec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError
 from granphon.base.text import counted
 from granphon.base.validation import whole_number
 from granphon.dynamics.damping import DampedModes
@@ -46,7 +46,7 @@ def _take_arguments(
                 given.bind(*args, **options)
             except TypeError as wrong:
                 told = f"It needs {', '.join(needed)}, and takes {', '.join(more)}"
-                raise InputError(message(f"{send.__name__}: {wrong}", told)) from None
+                raise InputError(f"{send.__name__}: {wrong}", told) from None
             return send(self, make(*args, **options))
 
         parameters = [next(iter(own.parameters.values())), *given.parameters.values()]
