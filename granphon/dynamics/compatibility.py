@@ -20,7 +20,7 @@ from granphon.base.results import read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
 from granphon.base.validation import finite_array, not_negative, real_array
-from granphon.dynamics.rows import Row, WaveRows, contact_rows, push_rows
+from granphon.dynamics.rows import Row, WaveRows, contact_rows, push_rows, weigh_rows
 from granphon.networks.network import ContactNetwork
 
 Array = NDArray[np.float64]
@@ -457,8 +457,8 @@ class Compatibility:
         :class:`granphon.dynamics.damping.ContactDamping`.
         """
         rows = self.compatibility(wavevectors)
-        of_rows = [[one[int(row.kind != "elongation")] for row in self.rows] for one in (times, losses)]
-        viscous, lost = (rows.conj().swapaxes(1, 2) @ (np.ravel(one)[:, None] * rows) for one in of_rows)
+        of_rows = (weigh_rows(self.rows, one).ravel() for one in (times, losses))
+        viscous, lost = (rows.conj().swapaxes(1, 2) @ (one[:, None] * rows) for one in of_rows)
         return self._compute_frame_matrix(wavevectors) + 1j * lost, viscous
 
     @cached_property

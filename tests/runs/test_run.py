@@ -331,26 +331,16 @@ def test_finite_overlap_and_bands_reach_a_sweep(work):
     assert set(json.loads(result.dataset.attrs["versions"])) == set(summary("out")["versions"])
 
 
-def test_parameters_that_make_no_figure_of_lines_have_none(work, capsys):
-    text = SWEEP.replace("sweep: {", "sweep: {friction: [true, false], ")
-    scene = Scene.from_text(text)
-    assert expected_files(scene) == ("scene.yaml", "summary.yaml", "sweep.nc", "sweep.csv")
-    scene.run("out")
-    assert listed(work / "out") == NUMBERS
-    (work / "scene.yaml").write_text(text)
-    said = "sweep.png: its lines show one parameter, and friction and width vary; sweep.csv has the numbers"
-    said += ", and granphon plot --x width draws them"
-    for words, heading, told in (
-        (["check", "scene.yaml"], "will not draw", True),
-        (["run", "scene.yaml", "-o", "drawn"], "not drawn", True),
-        (["run", "scene.yaml", "-o", "numbers", "--no-figures"], "not drawn", False),
-    ):
-        assert main(words) == 0
-        lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
-        assert (f"{heading} {said}" in lines) == told
-    one = Scene.from_text(text.replace("[true, false]", "[true]"))
-    assert "sweep.png" in expected_files(one)
-    assert "sweep.png" not in expected_files(one, figures=False)
+def test_a_sweep_over_two_parameters_has_a_figure_of_both(work):
+    result = Scene.from_text(SWEEP.replace("sweep: {", "sweep: {friction: [true, false], ")).run("out")
+    assert "sweep.png" in listed(work / "out")
+    texts = [text.get_text() for text in gp.plot(result).legends[0].get_texts()]
+    assert sum("W = 1 µm" in text for text in texts) == sum("without friction" in text for text in texts) == 2
+    # at one load the parameter in numbers is the axis
+    one = result.dataset.isel(load=[0], medium=[0])
+    (above, *_) = gp.plot(one).axes
+    width = max((line.get_xdata() for line in above.lines), key=len)
+    np.testing.assert_allclose(width, one["width"].values, rtol=1e-12)
 
 
 def test_many_measured_diameters_are_kept_with_the_result(work):
