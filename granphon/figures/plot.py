@@ -30,7 +30,7 @@ _PICTURES: dict[str, tuple[str, str, str, float]] = {
     "granphon.SurfaceSpectrum": ("waves", "plot_surface", "spectrum", 3.1),
     "granphon.Transmission": ("transmission", "plot_transmission", "result", 2.3),
     "granphon.ComplexBands": ("transmission", "complex_bands_figure", "bands", 0.0),
-    "granphon.Motion": ("motions", "plot_motion", "motion", 2.8),
+    "granphon.Motion": ("motions", "motion_figure", "motion", 0.0),
     "granphon.Response": ("responses", "response_figure", "response", 0.0),
     "granphon.Pulse": ("waves", "pulse_figure", "pulse", 0.0),
     "granphon.NetworkModes": ("modes", "plot_network_mode", "modes", 3.4),

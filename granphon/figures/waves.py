@@ -12,7 +12,6 @@ import matplotlib
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.collections import EllipseCollection
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -22,6 +21,7 @@ from granphon.base.errors import InputError
 from granphon.base.scales import HertzPrefix
 from granphon.figures.bands import name_corners
 from granphon.figures.curves import describe_lines, find_load
+from granphon.figures.motions import draw_balls
 from granphon.figures.style import (
     BLUE,
     COLOURS,
@@ -425,17 +425,7 @@ def plot_frame(network: ContactNetwork, pulse: Pulse, frame: int, ax: Axes, most
         raise InputError(what, mend="Give transmit the times of frames")
     along = pulse.velocities[frame] @ pulse.polarisation
     limit = float(np.max(np.abs(along))) if most is None else most
-    there = np.isfinite(network.radii)
-    sizes, places = 2e3 * network.radii[there], 1e3 * network.positions[there, :2]
-    if network.pbc[0] and not np.any(network.cell[0, 1:]):  # an oblique cell is drawn as a rectangle
-        places[:, 0] = np.mod(places[:, 0], 1e3 * network.cell[0, 0])
-    balls = EllipseCollection(
-        sizes, sizes, 0.0 * sizes, units="xy", offsets=places, offset_transform=ax.transData, array=along[there],
-        cmap=MOTION, norm=Normalize(-limit, limit), gid="balls",
-    )  # fmt: skip
-    ax.add_collection(balls, autolim=False)
-    low, high = places.min(axis=0) - sizes.max(), places.max(axis=0) + sizes.max()
-    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel="x (mm)", ylabel="y (mm)")
+    draw_balls(network, along, ax, MOTION, Normalize(-limit, limit))
     ax.set_title(f"{1e3 * pulse.frames[frame]:.3f} ms")
     return ax
 

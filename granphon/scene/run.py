@@ -125,7 +125,7 @@ def list_files(scene: Plan) -> tuple[tuple[str, ...], tuple[str, ...]]:
     drawn += [f"{name}.png" for name in NETWORK_BLOCKS if name in seen]
     if not scene.is_single:
         names += ["sweep_dos.csv"] * ("dos" in seen) + ["sweep_spectra.csv"] * ("spectrum" in seen)
-        drawn += ["sweep.png"] * (not tell_undrawn(scene)) + [name for name, of in SWEEP_FIGURES.items() if of in seen]
+        drawn += ["sweep.png"] + [name for name, of in SWEEP_FIGURES.items() if of in seen]
         return tuple(names), tuple(drawn)
     if "bands" in seen:
         names += ["band.yaml", "phonopy_params.yaml"]
@@ -144,16 +144,6 @@ def expected_files(scene: Plan, figures: bool = True) -> tuple[str, ...]:
     """Names of the files that a run writes."""
     numbers, drawn = list_files(scene)
     return numbers + (drawn if figures else ())
-
-
-def tell_undrawn(scene: Plan) -> str:
-    """Say which figure of several states there is not, and why; an empty text if there is one."""
-    varied = [name for name, values in (*scene.parameters, ("direction", scene.directions)) if len(values) > 1]
-    if scene.is_single or len(varied) <= 1:
-        return ""
-    own = next((name for name, values in scene.parameters if len(values) > 1 and not isinstance(values[0], str | bool)), "")
-    drawn = f", and granphon plot --x {own} draws them" * bool(own)
-    return f"sweep.png: its lines show one parameter, and {' and '.join(varied)} vary; sweep.csv has the numbers{drawn}"
 
 
 @dataclass(frozen=True, eq=False)

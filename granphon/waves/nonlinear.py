@@ -31,6 +31,7 @@ from granphon.balls.contact_laws import Hertz, PowerLaw
 from granphon.base.errors import ConvergenceError, InputError, brief
 from granphon.base.validation import not_negative, positive, real_array, whole_number
 from granphon.dynamics.damping import ContactDamping
+from granphon.dynamics.rows import weigh_rows
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.waves.motion import Motion
 from granphon.waves.operator import WaveOperator
@@ -199,6 +200,7 @@ class _System:
 
     def __init__(self, waves: NonlinearWaves, drives: Sequence[Any]) -> None:
         network, self.drives, masses = waves.network, drives, waves.network.masses.copy()
+        self.resting = network
         self.moved: list[tuple[Index, Array]] = []
         for one in drives:
             if not isinstance(one, Drive) or (one.displacement is None) == (one.force is None):
@@ -220,9 +222,8 @@ class _System:
         self.back = self.forward.T.tocsr()
         self.ratio = np.array([row.stiffness / network.normal_stiffness for row in self.rows[1:]]).reshape(-1, n)
         self.slips = np.array([row.kind == "slip" for row in self.rows[1:]], bool)
-        self.viscosity = np.array([
-            waves.damping[int(row.kind != "elongation")] * np.broadcast_to(row.stiffness, n) for row in self.rows
-        ])  # fmt: skip
+        self.viscosity = weigh_rows(self.rows, waves.damping)
+        self.viscosity = self.viscosity * np.array([np.broadcast_to(row.stiffness, n) for row in self.rows])
         self.held = np.zeros((len(self.rows) - 1, n))
         if network.tangential_force is not None:
             axes = list(operator.motions.translations)
@@ -394,7 +395,6 @@ class _System:
         times, x, v, forces, shears, translation, rotation, stored, lost, work, places = (
             np.array(one) for one in zip(*kept, strict=True)
         )
-        network = self.network
         displacements, velocities = self._to_balls(x, False), self._to_balls(v, False)
         for one, ways, (balls, along) in zip(self.drives, places.T, self.moved, strict=True):
             if one.displacement is not None:
@@ -402,6 +402,5 @@ class _System:
                 velocities[:, balls] = np.gradient(ways, times)[:, None, None] * along
         return Motion(
             times, displacements, velocities, self._to_balls(x, True), self._to_balls(v, True), forces, shears, translation,
-            rotation, stored, lost, work, network.positions, network.i, network.j,
-            network.positions[network.i] + network.arm_i[:, None] * network.normal, step,
+            rotation, stored, lost, work, step, self.resting,
         )  # fmt: skip
