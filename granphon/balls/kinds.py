@@ -14,6 +14,7 @@ from granphon.balls.ball import RIGID_PLANE, Ball
 from granphon.balls.contact_table import TOUCH
 from granphon.balls.lattices import LATTICES, Lattice, find_lattice
 from granphon.base.errors import InputError, brief
+from granphon.base.validation import is_one_of
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -84,7 +85,7 @@ def find_structure(name: str | Lattice) -> Lattice:
         return Lattice({"nacl": "NaCl", "cscl": "CsCl"}[key], cell, ((0.0, 0.0, 0.0), (0.5, 0.5, 0.5)))
     if key == "zincblende":
         return Lattice("zincblende", LATTICES["diamond"].cell, LATTICES["diamond"].sites)
-    if isinstance(name, Lattice) or (isinstance(name, str) and name in LATTICES):
+    if isinstance(name, Lattice) or is_one_of(name, LATTICES):
         return find_lattice(name)
     mend = "Use " + ", ".join([*LATTICES, *STRUCTURES]) + ", or a granphon.Lattice"
     raise InputError(f"unknown lattice {brief(name)}", mend=mend)

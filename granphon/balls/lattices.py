@@ -19,7 +19,7 @@ from granphon.balls.contact_table import TOUCH, ContactTable, find_contacts
 from granphon.base.errors import InputError, brief
 from granphon.base.results import read_only, write_html
 from granphon.base.text import counted
-from granphon.base.validation import label, real_array, require
+from granphon.base.validation import is_one_of, label, real_array, require
 
 Array = NDArray[np.float64]
 #: chemical symbol that stands for a ball in Atoms and files; its mass is always given
@@ -254,7 +254,7 @@ def find_lattice(lattice: str | Lattice) -> Lattice:
     """Find the lattice of a name; a :class:`Lattice` is returned itself. Raises :class:`InputError` for an unknown name."""
     if isinstance(lattice, Lattice):
         return lattice
-    if isinstance(lattice, str) and lattice in LATTICES:
+    if is_one_of(lattice, LATTICES):
         return LATTICES[lattice]
     raise InputError(f"unknown lattice {brief(lattice)}", mend="Use " + ", ".join(LATTICES) + ", or a granphon.Lattice")
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from granphon.balls.contact_table import TOUCH, contact_frames
 from granphon.base.errors import InputError, Refused, brief
 from granphon.base.text import counted, show
-from granphon.base.validation import each, is_whole, whole
+from granphon.base.validation import each, is_one_of, is_whole, whole
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -119,7 +119,7 @@ def read_axis(value: Any) -> Any:
 def read_edges(edges: Any) -> tuple[str, str]:
     """Return how the lower and the upper edge are held, from one word for both or two."""
     words = (edges, edges) if isinstance(edges, str) else tuple(edges) if isinstance(edges, list | tuple) else (edges,)
-    if len(words) != 2 or not all(isinstance(word, str) and word in EDGES for word in words):
+    if len(words) != 2 or not all(is_one_of(word, EDGES) for word in words):
         raise InputError(f"edges is {brief(edges)}", mend="Give 'free', 'clamped' or 'floor', or two of these")
     return words[0], words[1]
 

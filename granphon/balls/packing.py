@@ -18,7 +18,7 @@ from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.base.errors import InputError, brief
 from granphon.base.results import write_html
 from granphon.base.scales import WidthUnits
-from granphon.base.validation import not_negative, positive, require, truth
+from granphon.base.validation import is_one_of, not_negative, positive, require, truth
 
 #: the word for the torsional stiffness of a Hertz contact that does not slip
 MINDLIN = "mindlin"
@@ -210,7 +210,7 @@ def read_rolling(called: str, dimension: int, motions: Any, torsion: Any, bendin
     is no number or too large, and for one that resists none of the motions.
     """
     allowed = allowed_motions(dimension)
-    if motions is not None and not (isinstance(motions, str) and motions in allowed):
+    if motions is not None and not is_one_of(motions, allowed):
         raise InputError(
             f"{called} has no motions {brief(motions)}",
             f"It lies {('on a line', 'in a plane', 'in space')[dimension - 1]}",

@@ -17,7 +17,7 @@ from granphon.balls.lattices import LATTICES, Lattice, find_lattice
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, brief
 from granphon.base.text import closest, counted
-from granphon.base.validation import real_list
+from granphon.base.validation import is_one_of, real_list
 
 #: a packing, or what has kinds of balls that can be changed
 BallsT = TypeVar("BallsT")
@@ -72,7 +72,7 @@ class Axis:
             raise InputError(what, "Both would be the same states", "Give each value once")
         if name == "lattice":
             # unknown names of lattices are refused later
-            given = [one for one in axis.values if isinstance(one, Lattice) or (isinstance(one, str) and one in LATTICES)]
+            given = [one for one in axis.values if isinstance(one, Lattice) or is_one_of(one, LATTICES)]
             first = {one.periods: one.name for one in map(find_lattice, reversed(given))}
             if len(first) > 1:
                 found = " and ".join(f"{name}, {_EXTENTS[periods]}," for periods, name in sorted(first.items()))

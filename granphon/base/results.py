@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass
 from html import escape
 from types import NoneType, UnionType
-from typing import Any, ClassVar, Self, Union, get_args, get_origin, get_type_hints
+from typing import Any, ClassVar, Self, Union, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -195,7 +195,7 @@ class Result:
         or incomplete, if a field has another kind or shape than in the class, if there is a field that the class lacks, or
         if the ``digest`` is not that of the data. Without a digest, damage that passes the other checks is not noticed.
         """
-        given = dict(data) if isinstance(data, Mapping) else {}
+        given: dict[str, Any] = dict(data) if isinstance(cast("object", data), Mapping) else {}
         if _read_class_name(given) != cls.__name__:
             raise InputError(f"these data describe a {show(given.get('class'))}, not a {cls.__name__!r}")
         require_schema(f"a {cls.__name__} in plain data", given.get("schema", cls._schema), cls._schema)

@@ -31,7 +31,7 @@ from granphon.balls.parameters import change_packing
 from granphon.base.errors import InputError, UnreachableFrequencyError, brief
 from granphon.base.results import Result
 from granphon.base.text import closest
-from granphon.base.validation import positive, require, truth
+from granphon.base.validation import is_one_of, positive, require, truth
 from granphon.dynamics.branches import follow_acoustic_branches
 from granphon.media.choice import MediumChoice, no_simulation
 from granphon.media.mean_field import AveragedLattice
@@ -84,7 +84,7 @@ class Waves(Result):
     finite_overlap: bool
 
     def __post_init__(self) -> None:
-        if not isinstance(self.branch, str) or self.branch not in _BRANCHES:
+        if not is_one_of(self.branch, _BRANCHES):
             raise InputError(f"unknown branch {brief(self.branch)}", mend="Use " + " or ".join(_BRANCHES[:2]))
         require("finite_overlap", truth, self.finite_overlap)
         super().__post_init__()
@@ -202,7 +202,7 @@ class VelocityModel:
         for name in self.names:
             if name not in VARIABLE:
                 meant = closest(str(name), VARIABLE)
-                mend = f"Did you mean {meant}" if meant else "Use " + ", ".join(VARIABLE)
+                mend = f"Did you mean {meant}?" if meant else "Use " + ", ".join(VARIABLE)
                 raise InputError(f"{name!r} cannot be fitted", mend=mend)
         if not self.names or len(set(self.names)) < len(self.names):
             what = f"the parameters are {self.names}"

@@ -22,7 +22,7 @@ from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.loads import Load, require_compressive
 from granphon.balls.packing import Packing, given_packing, require_shallow
 from granphon.base.errors import InputError, brief
-from granphon.base.validation import choice
+from granphon.base.validation import choice, is_one_of
 from granphon.dynamics.local_field import LocalField, local_field, paper_local_field
 from granphon.laws.effective import EffectiveLaw
 from granphon.laws.spread import AveragedLaw
@@ -191,7 +191,7 @@ class EffectiveMedium(LawMedium):
     source: str
 
     def __init__(self, packing: Packing, local_field: Literal["computed", "paper"] = "computed") -> None:
-        if not isinstance(local_field, str) or local_field not in _LOCAL_FIELDS:
+        if not is_one_of(local_field, _LOCAL_FIELDS):
             raise InputError(f"local_field is {brief(local_field)}", mend="Give 'computed' or 'paper'")
         if local_field == "paper" and isinstance(packing, Packing):
             other = f"of the {packing.structure.name} lattice" if packing.structure != TRIANGULAR else ""

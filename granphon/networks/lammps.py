@@ -82,7 +82,7 @@ def read_dumps(
     if told and told != {style}:
         raise InputError(f"{atoms.name} says that its units are {told.pop()}, and units={style!r} is given")
     if columns is not None:
-        listed = columns.split() if isinstance(columns, str) else columns
+        listed: object = columns.split() if isinstance(columns, str) else columns
         touching_names = tuple(listed) if isinstance(listed, Sequence) else ()
         if not all(isinstance(name, str) for name in touching_names) or len(touching_names) != len(touching.names):
             there = f"{touching.name} has {len(touching.names)}: {', '.join(touching.names)}"

@@ -137,7 +137,8 @@ class ContactNetwork(Result):
     kinds: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
-        plain: Any = self.pbc.tolist() if isinstance(self.pbc, np.ndarray) else self.pbc
+        plain: Any = self.pbc
+        plain = plain.tolist() if isinstance(plain, np.ndarray) else plain
         if not isinstance(plain, Sequence) or isinstance(plain, str) or len(plain) != 3:
             what = f"pbc of the network is {brief(self.pbc)}"
             raise InputError(what, mend="Give three truth values, one for each vector of the cell")

@@ -35,6 +35,7 @@ from granphon.balls.packing import MINDLIN
 from granphon.base.errors import InputError, PrecisionError, brief
 from granphon.base.results import read_only
 from granphon.base.scales import Units
+from granphon.base.validation import is_one_of
 from granphon.dynamics.compatibility import GYRATION
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.rows import Row, contact_rows, push_rows
@@ -471,7 +472,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
                 one.name: one for one in (LONGITUDINAL, IN_PLANE, OUT_OF_PLANE, ALL)
                 if set(one.translations) <= set(own.translations) and set(one.rotations) <= set(own.rotations)
             }  # fmt: skip
-            if not isinstance(motions, str) or motions not in had:
+            if not is_one_of(motions, had):
                 what, why = f"the state has no motions {brief(motions)}", f"Its balls have the motions {own.name!r}"
                 mend = "Use " + ", ".join(had) + ", or make a state of a Packing with these motions"
                 raise InputError(what, why, mend)

@@ -270,10 +270,11 @@ class BandPath:
     labels: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.paths, list | tuple) or not self.paths:
+        given: Any = self.paths
+        if not isinstance(given, list | tuple) or not given:
             mend = "Give one piece or more, each of two points or more"
-            raise InputError(f"the path of the band is {brief(self.paths)}", mend=mend)
-        pieces = [real_array("band", piece) for piece in self.paths]
+            raise InputError(f"the path of the band is {brief(given)}", mend=mend)
+        pieces = [real_array("band", piece) for piece in given]
         for piece in pieces:
             if piece.ndim != 2 or len(piece) < 2 or piece.shape[1] != 3 or not np.all(np.isfinite(piece)):
                 what = f"a piece of the path of the band is {brief(piece.tolist())}"

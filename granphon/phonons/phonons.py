@@ -21,7 +21,7 @@ from granphon.balls.contact_table import touch_once_at_most
 from granphon.base.errors import InputError, brief
 from granphon.base.scales import Units
 from granphon.base.text import counted
-from granphon.base.validation import grid_numbers, positive, real_array, whole_number
+from granphon.base.validation import grid_numbers, is_one_of, positive, real_array, whole_number
 from granphon.dynamics.compatibility import MOST_BYTES
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.damping import ContactDamping, DampedModes, damp_evenly, damp_unevenly
@@ -359,7 +359,7 @@ class Phonons:
         p = self._periods
         given, example = MESHES[p - 1] if mesh is None else mesh, " ".join(map(str, _pad((64,) * p)))
         numbers = grid_numbers("mesh", given, 1, LARGEST_COUNT, example, p)
-        if not isinstance(method, str) or method not in ("tetrahedron", "smearing"):
+        if not is_one_of(method, ("tetrahedron", "smearing")):
             raise InputError(f"method is {brief(method)}", mend="Use tetrahedron or smearing")
         count = whole_number("points", points, 12, LARGEST_COUNT)
         if np.prod(numbers, dtype=float) > _MOST_MESH_POINTS:

@@ -31,6 +31,7 @@ from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import (
     ADHESION,
     DENSITY,
+    FREQUENCY,
     INERTIA,
     LENGTH,
     LOADS,
@@ -50,6 +51,7 @@ from granphon.base.validation import (
     choice,
     each,
     grid,
+    is_one_of,
     is_whole,
     label,
     number,
@@ -60,11 +62,12 @@ from granphon.base.validation import (
     zero_or_above,
 )
 from granphon.media.choice import MEDIA, MediumChoice, read_medium
+from granphon.waves.settings import NETWORK_BLOCKS, ascending
 
 #: version number of the layout of a scene file, its key "schema"
 SCENE_SCHEMA = 1
 #: what a scene may compute, in the order in which a scene keeps it
-OBSERVABLES = ("velocities", "bands", "gaps", "dos", "surface", "spectrum", "pulse")
+OBSERVABLES = ("velocities", "bands", "gaps", "dos", "surface", "spectrum", "pulse", *NETWORK_BLOCKS)
 #: how the points of a range may be spaced; the first is the default
 SCALES = ("log", "linear")
 
@@ -167,6 +170,11 @@ def write_values(given: Sequence[float], write: Callable[[float], Any]) -> Any:
         if positive and space_evenly(first, last, count, scale) == tuple(given):
             return {"from": write(first), "to": write(last), "points": count, "scale": scale}
     return [write(value) for value in given]
+
+
+FREQUENCIES = Kind.plain(
+    lambda value: ascending(read_values(value, FREQUENCY.read)), lambda found: write_values(found, FREQUENCY.write)
+)
 
 
 # -- spreads --------------------------------------------------------------------------------------------------------
@@ -278,7 +286,7 @@ def _read_motions(value: Any, at: Context) -> str:
     """Read the name of motions that the balls of the lattice can have, in a sweep those of each lattice."""
     for lattice in at.swept or (at.lattice,):
         options = tuple(allowed_motions(lattice.dimension))
-        if not (isinstance(value, str) and value in options):
+        if not is_one_of(value, options):
             allowed = f"{', '.join(options)}; the {lattice.name} lattice lies {_PLACES[lattice.dimension - 1]}"
             meant = closest(value.replace(" ", "_"), options) if isinstance(value, str) else None
             raise Refused(show(value), allowed, f"Did you mean {meant!r}?" if meant else "")
@@ -415,7 +423,7 @@ def read_observables(value: Any) -> tuple[str, ...]:
     """Read the names of what a scene observes, each once; they are returned in the order of ``OBSERVABLES``."""
     allowed = "a list of one or more of " + ", ".join(OBSERVABLES)
     if not isinstance(value, list | tuple) or not value:
-        mend = f"Did you mean [{value}]?" if isinstance(value, str) and value in OBSERVABLES else ""
+        mend = f"Did you mean [{value}]?" if is_one_of(value, OBSERVABLES) else ""
         raise Refused(show(value) if value != [] else "an empty list", allowed, mend)
     names = tuple(choice(name, OBSERVABLES) for name in value)
     if double := [name for name in names if names.count(name) > 1]:
@@ -611,7 +619,7 @@ def _read_replaced(value: Any) -> tuple[tuple[int, str], ...]:
 def _read_law(value: Any) -> Any:
     """Read a law, or a block of pairs of kinds with a law for each; returns the law, or items of pairs."""
     name, given = next(iter(value.items())) if isinstance(value, dict) and len(value) == 1 else (value, {})
-    if isinstance(name, str) and name in _LAWS:
+    if is_one_of(name, _LAWS):
         made, rules = _LAWS[name]
         found = read_inside(name, partial(block, rules={key: one.rule(Context()) for key, one in rules.items()},
                                           needed=tuple(rules)), given or {})  # fmt: skip
