@@ -90,7 +90,7 @@ class Motion(Result):
         return self.times[top] + shift * (self.times[1] - self.times[0]), most - 0.25 * tilt * shift
 
     def arrivals(self, share: float = 0.5) -> Array:
-        """Return the times, (n_c,), s, at which the force of each contact has changed by the part ``share`` of its greatest change.
+        """Return the times, (n_c,), s, at which each force has changed by the part ``share`` of its greatest change.
 
         Times between frames are interpolated linearly; the time is infinite where a force does not change.
         """
@@ -107,10 +107,10 @@ class Motion(Result):
     ) -> float:  # fmt: skip
         """Return the velocity, m/s, at which the greatest force, or the front of :meth:`arrivals`, passes ``contacts``.
 
-        The front is where the force has the part ``share`` of its greatest change. A straight line is fitted to distances over
-        times. Distances are along the ``direction`` (3,), by default
-        from the first contact to the last. Raises :class:`~granphon.base.errors.InputError` for fewer than two contacts, and
-        for contacts that it does not reach one after another.
+        The front is where the force has the part ``share`` of its greatest change. A straight line is fitted to distances
+        over times. Distances are along the ``direction`` (3,), by default from the first contact to the last. Raises
+        :class:`~granphon.base.errors.InputError` for fewer than two contacts, and for contacts that it does not reach one
+        after another.
         """
         at = np.asarray(contacts)
         if at.ndim != 1 or at.size < 2 or at.dtype.kind not in "iu" or np.any((at < 0) | (at >= self.network.n_contacts)):
