@@ -599,14 +599,12 @@ def fit_width(
         for balls that differ; samples of so few balls that the parameters of round after round differ.
     """
     data = Measurements(real_array("force", force), real_array("velocity", velocity), sigma, frequency)
-    periods = packing.structure.periods
-    along = np.eye(periods)[-1] if direction is None else direction
     names = texts("parameters", parameters)
     choice = MediumChoice.parse(medium, packing.structure)
     if "width" not in names and not packing.width:
         choice = MediumChoice("ala")
     asked = require("finite_overlap", truth, finite_overlap)
-    waves = Waves(branch, one_direction(along, periods), data.frequency, choice.has_finite_overlap(asked))
+    waves = Waves(branch, _along(packing, direction), data.frequency, choice.has_finite_overlap(asked))
     choice.require_fixed("a fit")
     problem = FitProblem.of(VelocityModel(packing, names, choice, data.force, waves), data)
     problem, logs = find_best(problem)
@@ -675,3 +673,35 @@ def convert_pressure(
     if not finite:  # in the paper's limit the medium does not matter
         choice = MediumChoice("ala")
     return float(choice.stand_in.of(packing).at_pressure(pressure, finite_overlap=finite).force)
+
+
+def convert_cutoff(
+    packing: Packing,
+    branch: str,
+    direction: ArrayLike | None,
+    finite_overlap: bool,
+    fitted: Sequence[str],
+    force: Array,
+    cutoff: Array,
+) -> Array:
+    """Return the velocities of long waves, (n,), m/s, at contact forces, N, that belong to cut-off frequencies, Hz.
+
+    A cut-off is the highest frequency of the branch along the direction, as of :func:`fit_width`. Its ratio to the velocity
+    is that of the lattice of equal balls, which holds in every medium but a simulation.
+
+    Raises :class:`~granphon.base.errors.InputError` if the diameter is among the parameters to be ``fitted``, to which the
+    ratio is proportional, or if the lattice has no such branch.
+    """
+    if "diameter" in fitted:
+        why = "The velocity at a cut-off frequency is proportional to the diameter"
+        raise InputError("the diameter is fitted, and cut-off frequencies are given", why, "Give velocities")
+    waves = Waves(branch, _along(packing, direction), None, finite_overlap)
+    equal = VelocityModel(packing, ("young_modulus",), MediumChoice("ala"), force, waves)
+    own = equal.find_start(packing.width)
+    return np.asarray(cutoff * equal(own)[0] / equal.find_tops(own))
+
+
+def _along(packing: Packing, direction: ArrayLike | None) -> Array:
+    """Return the unit vector (p,) of the direction of sound, by default the lattice's last axis."""
+    periods = packing.structure.periods
+    return one_direction(np.eye(periods)[-1] if direction is None else direction, periods)

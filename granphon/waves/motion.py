@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.base.errors import InputError, brief
 from granphon.base.results import Result
 from granphon.base.validation import number, positive, require, whole_number
+from granphon.networks.network import ContactNetwork
 
 Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 #: least number of frames in a period of the highest harmonic
 _PER_PERIOD = 2.5
 
@@ -26,29 +26,25 @@ class Motion(Result):
     Attributes
     ----------
     times : (n_f,) s.
-    displacements, velocities : (n_f, n, 3) from ``sites``, m, m/s. Velocities of balls that a drive moves are differences
-        between frames.
+    displacements, velocities : (n_f, n, 3) from the places at rest, m, m/s. Velocities of balls that a drive moves are
+        differences between frames.
     rotations, spins : (n_f, n, 3) rad, rad/s.
     forces, shears : (n_f, n_c) normal force of each contact, zero where it is open, and size of its force of slip, N.
     translation, rotation : (n_f,) kinetic energies, J.
     stored : (n_f,) energy that contacts and the load have gained since rest, J.
     lost : (n_f,) energy that contacts have lost by friction, by dashpots, and by their law, J.
     work : (n_f,) of drives, J.
-    sites : (n, 3) places of the balls in the network, m.
-    i, j : (n_c,) the two balls of each contact.
-    middles : (n_c, 3) places of the contacts in the network, m.
     step : s.
+    network : the balls at rest, and their contacts.
     """
 
     units = {
         "times": "s", "displacements": "m", "velocities": "m/s", "rotations": "rad", "spins": "rad/s", "forces": "N",
-        "shears": "N", "translation": "J", "rotation": "J", "stored": "J", "lost": "J", "work": "J", "sites": "m",
-        "middles": "m", "step": "s",
+        "shears": "N", "translation": "J", "rotation": "J", "stored": "J", "lost": "J", "work": "J", "step": "s",
     }  # fmt: skip
     _shapes = {
         "times": "f", "displacements": "f n 3", "velocities": "f n 3", "rotations": "f n 3", "spins": "f n 3",
         "forces": "f c", "shears": "f c", "translation": "f", "rotation": "f", "stored": "f", "lost": "f", "work": "f",
-        "sites": "n 3", "i": "c", "j": "c", "middles": "c 3",
     }  # fmt: skip
 
     times: Array
@@ -63,11 +59,8 @@ class Motion(Result):
     stored: Array
     lost: Array
     work: Array
-    sites: Array
-    i: Index
-    j: Index
-    middles: Array
     step: float
+    network: ContactNetwork
 
     @property
     def energy(self) -> Array:
@@ -77,7 +70,13 @@ class Motion(Result):
     @property
     def positions(self) -> Array:
         """(n_f, n, 3) where the balls are, m."""
-        return self.sites + self.displacements
+        return self.network.positions + self.displacements
+
+    @property
+    def middles(self) -> Array:
+        """(n_c, 3) places of the contacts at rest, m."""
+        network = self.network
+        return np.asarray(network.positions[network.i] + network.arm_i[:, None] * network.normal)
 
     def peaks(self) -> tuple[Array, Array]:
         """Return the times, s, and the heights, N, of the greatest normal force of each contact, each (n_c,).
@@ -91,9 +90,9 @@ class Motion(Result):
         return self.times[top] + shift * (self.times[1] - self.times[0]), most - 0.25 * tilt * shift
 
     def arrivals(self, share: float = 0.5) -> Array:
-        """Return when the force of each contact first differs from that at the start by a ``share`` of what it ever does.
+        """Return the times, (n_c,), s, at which each force has changed by the part ``share`` of its greatest change.
 
-        (n_c,) s, between frames on a straight line; infinite where a force does not change.
+        Times between frames are interpolated linearly; the time is infinite where a force does not change.
         """
         change = np.abs(self.forces - self.forces[0])
         level = require("share", lambda value: number(value, 1e-9, 1.0), share) * change.max(axis=0)
@@ -108,14 +107,15 @@ class Motion(Result):
     ) -> float:  # fmt: skip
         """Return the velocity, m/s, at which the greatest force, or the front of :meth:`arrivals`, passes ``contacts``.
 
-        It is that of the straight line through distances over times. Distances are along the ``direction`` (3,), by default
-        from the first contact to the last. Raises :class:`~granphon.base.errors.InputError` for fewer than two contacts, and
-        for contacts that it does not reach one after another.
+        The front is where the force has the part ``share`` of its greatest change. A straight line is fitted to distances
+        over times. Distances are along the ``direction`` (3,), by default from the first contact to the last. Raises
+        :class:`~granphon.base.errors.InputError` for fewer than two contacts, and for contacts that it does not reach one
+        after another.
         """
         at = np.asarray(contacts)
-        if at.ndim != 1 or at.size < 2 or at.dtype.kind not in "iu" or np.any((at < 0) | (at >= len(self.i))):
+        if at.ndim != 1 or at.size < 2 or at.dtype.kind not in "iu" or np.any((at < 0) | (at >= self.network.n_contacts)):
             what = f"contacts are {brief(contacts)}"
-            raise InputError(what, mend=f"Give two or more of the numbers 0 to {len(self.i) - 1}")
+            raise InputError(what, mend=f"Give two or more of the numbers 0 to {self.network.n_contacts - 1}")
         if of not in ("peak", "front"):
             raise InputError(f"of is {brief(of)}", mend='Give "peak" or "front"')
         places = self.middles[at] - self.middles[at[0]]
@@ -134,7 +134,9 @@ class Motion(Result):
         The mean is left out. A Hann window keeps frequencies apart; the amplitude is that of a steady motion at a frequency
         of the list.
         """
-        values = self.displacements[:, whole_number("ball", ball, 0, len(self.sites) - 1), whole_number("axis", axis, 0, 2)]
+        values = self.displacements[
+            :, whole_number("ball", ball, 0, self.network.n_balls - 1), whole_number("axis", axis, 0, 2)
+        ]
         window = np.hanning(len(values))
         weighed = window * (values - np.average(values, weights=window))
         spacing = float(self.times[1] - self.times[0])

@@ -200,6 +200,7 @@ class _System:
 
     def __init__(self, waves: NonlinearWaves, drives: Sequence[Any]) -> None:
         network, self.drives, masses = waves.network, drives, waves.network.masses.copy()
+        self.resting = network
         self.moved: list[tuple[Index, Array]] = []
         for one in drives:
             if not isinstance(one, Drive) or (one.displacement is None) == (one.force is None):
@@ -394,7 +395,6 @@ class _System:
         times, x, v, forces, shears, translation, rotation, stored, lost, work, places = (
             np.array(one) for one in zip(*kept, strict=True)
         )
-        network = self.network
         displacements, velocities = self._to_balls(x, False), self._to_balls(v, False)
         for one, ways, (balls, along) in zip(self.drives, places.T, self.moved, strict=True):
             if one.displacement is not None:
@@ -402,6 +402,5 @@ class _System:
                 velocities[:, balls] = np.gradient(ways, times)[:, None, None] * along
         return Motion(
             times, displacements, velocities, self._to_balls(x, True), self._to_balls(v, True), forces, shears, translation,
-            rotation, stored, lost, work, network.positions, network.i, network.j,
-            network.positions[network.i] + network.arm_i[:, None] * network.normal, step,
+            rotation, stored, lost, work, step, self.resting,
         )  # fmt: skip
