@@ -12,6 +12,8 @@ from scipy.optimize import curve_fit
 
 import granphon as gp
 from granphon.base.errors import InputError
+from granphon.base.text import read_yaml
+from granphon.scene.redraw import redraw
 
 UNITS = gp.Units(8e-3, 3e6, 2e-3)
 OMEGA = UNITS.angular_frequency
@@ -180,3 +182,72 @@ def test_bad_input_is_one_error(arguments, said):
         fit(given.pop("measured"), **given)
     with pytest.raises(InputError, match="2 numbers of magnitude, and 1 frequencies"):
         gp.TransferFunction([1.0], [1.0, 2.0])
+
+
+# -- the command --------------------------------------------------------------------------------------------------------
+
+SCENE = """schema: 1
+balls:
+  S: {material: {young_modulus: 193 GPa, poisson_ratio: 0.30, density: 8000 kg/m^3}, diameter: 19.05 mm}
+crystal: {lattice: chain}
+load: {force: 20 N}
+observe: [response]
+response:
+  frequencies: [1 kHz]
+  source: plane
+  receiver: 0 x
+  quantity: transmissibility
+  loss_factor: 0.01
+  cut: {axis: 0, layers: 6, edges: floor free}
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scene.yaml").write_text(SCENE, encoding="utf-8")
+    state = gp.Crystal.on("chain", [gp.Ball(gp.Material(193e9, 0.30, 8000.0), 19.05e-3)]).at_force(20.0)
+    hertz = np.linspace(400.0, 14000.0, 30)
+    values = gp.Waves(state.network.cut(0, 6, ("floor", "free"))).response(
+        hertz, "plane", (0, "x"), 2e-6, 0.01, quantity="transmissibility"
+    )
+    rows = zip(hertz, values.magnitude[:, 0], np.degrees(values.phase[:, 0]), strict=True)
+    text = "\n".join(["frequency (Hz),H,phase (deg),sigma (%)", *(f"{f},{m},{p},2" for f, m, p in rows)])
+    (tmp_path / "data.csv").write_text(text, encoding="utf-8")
+    return tmp_path
+
+
+def command(*words):
+    from granphon.cli.commands import main
+
+    return main(["fit", "scene.yaml", "data.csv", "--column", "magnitude=H", *words])
+
+
+def test_the_command_fits_the_response_of_a_scene(folder, capsys):
+    assert command("-o", "out") == 0
+    printed = capsys.readouterr().out
+    assert "damping               2.000 +/- " in printed
+    assert "30 magnitudes and phases, sigma given" in printed
+    fit = gp.DampingFit.from_dict(read_yaml(folder / "out" / "fit.yaml"))
+    assert_allclose(fit.damping, 2e-6, rtol=1e-6)
+    assert_allclose(fit.loss_factor, 0.01)
+    assert (folder / "out" / "fit.png").stat().st_size > 10_000
+    assert redraw(folder / "out", folder / "again.png").is_file()
+
+
+@pytest.mark.parametrize(
+    ("words", "change", "said"),
+    [
+        (["--sigma", "2 %"], {}, "--sigma is for velocities"),
+        (["--parameter", "young_modulus"], {}, "'young_modulus' cannot be fitted"),
+        ([], {"20 N": "[20 N, 30 N]"}, "has 2 states"),
+        ([], {SCENE[SCENE.index("observe") :]: ""}, "has no block response"),
+    ],
+)
+def test_the_command_refuses(folder, capsys, words, change, said):
+    text = SCENE
+    for old, new in change.items():
+        text = text.replace(old, new)
+    (folder / "scene.yaml").write_text(text, encoding="utf-8")
+    assert command(*words) == 2
+    assert said in capsys.readouterr().err
