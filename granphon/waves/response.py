@@ -177,7 +177,14 @@ def read_frequencies(given: ArrayLike) -> Array:
 
 
 class Peaks(NamedTuple):
-    """Peaks of a magnitude over frequency: frequencies (n,) Hz, heights (n,) and Q factors (n,), nan if not resolved."""
+    """Peaks of a magnitude over frequency.
+
+    Attributes
+    ----------
+    frequencies : (n,) Hz.
+    heights : (n,) magnitude at the peaks, in the unit of the response.
+    quality : (n,) Q factors, a ratio without a unit; nan if the peak is not resolved.
+    """
 
     frequencies: Array
     heights: Array
