@@ -247,7 +247,7 @@ def wave_rules(block: str, read: bool = True) -> dict[str, Rule]:
             "polarisation": _read_polarisations, "resolution": quantity("resolution"),
             "points": partial(whole, low=2, high=10_000),
         }  # fmt: skip
-    losses = {
+    losses: dict[str, Rule] = {
         "damping": partial(_one_or_two, rule=quantity("damping")), "loss_factor": partial(_one_or_two, rule=zero_or_above),
     }  # fmt: skip
     if block == "bands":
