@@ -140,9 +140,13 @@ def record_networks(network: ContactNetwork, wanted: WaveSettings) -> dict[str, 
 
 @dataclass(frozen=True)
 class SampleWaves:
-    """Waves in the samples of a single state; what was not asked for is None.
+    """Waves in the samples of a single state; a result that was not requested is None.
 
-    ``dos`` and ``spectra`` are those of the first sample, and ``pulse`` of all samples through which one could be sent.
+    Attributes
+    ----------
+    dos : density of states of the first sample.
+    spectra : spectral functions of the first sample along the path.
+    pulse : mean of the pulses through all samples that carry one.
     """
 
     dos: SpectralDensity | None = None
@@ -169,7 +173,7 @@ class SampleWaves:
 
     @property
     def results(self) -> dict[str, Any]:
-        """What was found, by the names of the files."""
+        """Results that exist, by the names of their files; each has :attr:`units`."""
         found = {"sample_dos": self.dos, "spectrum": self.spectra, "pulse": self.pulse}
         return {name: one for name, one in found.items() if one is not None}
 

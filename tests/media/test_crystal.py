@@ -638,7 +638,7 @@ def test_gravity_may_be_an_array_that_is_broadcast_with_the_loads():
     weight = 20 * PLAIN.mass * np.array([G, 1.62])
     assert_allclose(column.at_pressure(0.0, gravity=[-G, -1.62]).normal_force[:, -1], weight, rtol=1e-12)
     both = column.at_pressure([[1.0], [2.0]], gravity=[-G, -1.62])
-    assert_allclose(both.normal_force[..., -1], weight + [[1.0], [2.0]], rtol=1e-12)
+    assert_allclose(both.normal_force[..., -1], np.add.outer([1.0, 2.0], weight), rtol=1e-12)
     assert_allclose(column.at_force([3.0, 4.0], gravity=-G).normal_force.mean(axis=1), [3.0, 4.0], rtol=1e-12)
     wall = gp.Crystal.on("triangular", [PLAIN]).cut(1, 5, ("floor", "free"))
     fields = np.array([[0.0, -G], [0.0, -1.62]])
