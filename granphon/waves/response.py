@@ -548,7 +548,7 @@ class _Problem:
                     error[place] = np.finfo(float).eps * step * growth + least / (
                         float(np.max(np.abs(found))) or least or 1.0
                     )
-                    if error[place] > tolerance and rest > _ROUNDING * size:
+                    if error[place] > tolerance and rest > _ROUNDING * size * growth:
                         unsolved.append(place)
                 left = np.array(unsolved, int)
             if complete:
