@@ -14,6 +14,7 @@ from .balls.contact_laws import JKR as JKR
 from .balls.contact_laws import Hertz as Hertz
 from .balls.contact_laws import PowerLaw as PowerLaw
 from .balls.contact_laws import TabulatedLaw as TabulatedLaw
+from .balls.contact_laws import register_law as register_law
 from .balls.diameters import Discrete as Discrete
 from .balls.diameters import Measured as Measured
 from .balls.diameters import Normal as Normal
@@ -21,6 +22,7 @@ from .balls.diameters import Uniform as Uniform
 from .balls.hertz import HertzLaw as HertzLaw
 from .balls.hertz import mindlin_reduction as mindlin_reduction
 from .balls.lattices import Lattice as Lattice
+from .balls.lattices import register_lattice as register_lattice
 from .balls.loads import Load as Load
 from .balls.material import Material as Material
 from .balls.packing import Packing as Packing
@@ -34,6 +36,7 @@ from .figures.plot import plot as plot
 from .fits.fit import WidthFit as WidthFit
 from .fits.fit import fit_width as fit_width
 from .media.choice import AutoMedium as AutoMedium
+from .media.choice import register_medium as register_medium
 from .media.cluster import ClusterMedium as ClusterMedium
 from .media.crystal import Crystal as Crystal
 from .media.crystal import CrystalState as CrystalState
@@ -41,11 +44,15 @@ from .media.limits import Check as Check
 from .media.mean_field import AveragedForce as AveragedForce
 from .media.mean_field import AveragedLattice as AveragedLattice
 from .media.mean_field import EffectiveMedium as EffectiveMedium
+from .media.mean_field import LawMedium as LawMedium
 from .media.medium import Medium as Medium
 from .media.simulation import DirectSimulation as DirectSimulation
 from .media.simulation import SimulatedState as SimulatedState
 from .media.state import ContactState as ContactState
 from .networks.network import ContactNetwork as ContactNetwork
+from .networks.network import register_reader as register_reader
+from .observables.catalogue import Observable as Observable
+from .observables.catalogue import register_observable as register_observable
 from .observables.validity import Validity as Validity
 from .observables.validity import validity as validity
 from .observables.velocities import AveragedModuli as AveragedModuli

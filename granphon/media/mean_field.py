@@ -58,12 +58,12 @@ class LawMedium(MediumBase[ContactState]):
     @cached_property
     def law(self) -> Law:
         """Contact law of the medium; for equal balls, and on a line, it is Hertz's law in every medium."""
-        return self._law if self.packing.spread_matters else self.packing.law
+        return self.spread_law if self.packing.spread_matters else self.packing.law
 
     @property
     @abstractmethod
-    def _law(self) -> Law:
-        """Contact law of the medium for balls that differ."""
+    def spread_law(self) -> Law:
+        """Contact law of the medium for balls that differ, in SI."""
 
     def __post_init__(self) -> None:
         given_packing(self.packing)
@@ -135,7 +135,8 @@ class AveragedLattice(LawMedium):
     name, words = "ala", "averaged lattice"
 
     @property
-    def _law(self) -> Law:
+    def spread_law(self) -> Law:
+        """Contact law of the medium for balls that differ, in SI."""
         return self.packing.law
 
 
@@ -153,7 +154,8 @@ class AveragedForce(LawMedium):
     name, words = "afa", "averaged force"
 
     @property
-    def _law(self) -> Law:
+    def spread_law(self) -> Law:
+        """Contact law of the medium for balls that differ, in SI."""
         spread = self.packing.spread
         return AveragedLaw(self.packing.law.coefficient, self.packing.width, spread.shape) if spread else self.packing.law
 
@@ -242,7 +244,8 @@ class EffectiveMedium(LawMedium):
         return local_field(packing.structure, eta, bending=packing.bending, torsion=torsion)
 
     @property
-    def _law(self) -> Law:
+    def spread_law(self) -> Law:
+        """Contact law of the medium for balls that differ, in SI."""
         spread, law = self.packing.spread, self.packing.law
         if not spread or self.local_field.is_determinate:
             return law

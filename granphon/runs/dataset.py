@@ -98,10 +98,6 @@ _ZERO_OR_ABOVE = {
 _VELOCITIES = {"longitudinal", "transverse", "transverse_slow", "transverse_fast", "twist"}
 #: variables that are infinite for equal balls, or where no error is known
 _MAY_BE_INFINITE = {"reduced_force", "reduced_spacing", "expected_error", "mean_free_path"}
-#: variables that are nan where a warning says that they are not known
-_MAY_BE_UNKNOWN = {name for name, one in CATALOGUE.items() if one.cost in _OF_WAVES}
-#: standard errors, nan where they are not known
-_ERRORS = {name for name, one in CATALOGUE.items() if one.sampled} | {"exponent_error"}
 #: attributes that hold a JSON text, and its type
 _JSON = {"packing": dict, "media": list, "versions": dict, "warnings": list}
 _WORDS = {dict: "mapping", list: "list"}
@@ -500,6 +496,8 @@ def _require_sense(path: str | os.PathLike[str], dataset: Dataset) -> None:
             raise InputError(message(what, mend="Run the sweep again")) from None
     # velocities that balls with some of the motions do not have are nan, and pressures that some lattices do not have
     lacking = not {"motions", "torsion", "bending", "lattice"}.isdisjoint(dataset.coords)
+    errors = {name for name, one in CATALOGUE.items() if one.sampled} | {"exponent_error"}  # nan where not known
+    unknown = {name for name, one in CATALOGUE.items() if one.cost in _OF_WAVES or CATALOGUE.is_added(name)}  # likewise
     for name in map(str, dataset.variables):
         values = dataset[name].values
         if name not in CATALOGUE or not CATALOGUE[name].unit or values.dtype.kind == "b":
@@ -515,11 +513,11 @@ def _require_sense(path: str | os.PathLike[str], dataset: Dataset) -> None:
                 good |= values == np.inf
             if name in _ABOVE_ZERO:
                 good, allowed = good & (values > 0.0), "above zero"
-            elif name in _ZERO_OR_ABOVE or name in _ERRORS:
+            elif name in _ZERO_OR_ABOVE or name in errors:
                 good, allowed = good & (values >= 0.0), "zero or above"
             if name in _VELOCITIES:
                 good, allowed = good & (values < LIGHT_VELOCITY), f"{allowed}, and below the velocity of light"
-            if name in _ERRORS | _MAY_BE_UNKNOWN:
+            if name in errors | unknown:
                 good |= np.isnan(values)
             wrong = None if np.all(good) else f"of which one is {values[~good].flat[0]:g}; allowed: {allowed}"
         if wrong is not None:

@@ -319,6 +319,7 @@ class Plan:
             self.finite_overlap, path=path, direction=self.direction, waves=self.waves, exponents=sound,
             surface=self.surface if "surface" in self.observe else None,
             sound=sound or not {"bands", "dos", "surface"} & set(self.observe), alone=self.is_single,
+            observed=tuple(name for name in self.observe if name not in rules.OBSERVABLES),
         )  # fmt: skip
         return Grid(self.packing, self.axes, self.media, self.load.applied.flat, asked)
 

@@ -108,8 +108,6 @@ _EXTENTS = (
     "force", "overlap", "longitudinal", "transverse", "transverse_slow", "transverse_fast", "pulse_velocity",
     "time_of_flight", "coherent_fraction", "surface_velocity", *(f"ioffe_regel_{name}" for name in POLARISATIONS),
 )  # fmt: skip
-#: what the summary of one state says of the waves in its samples, or at its edge, where it is known
-_OF_WAVES = [name for name, one in CATALOGUE.items() if one.cost in ("pulse", "spectrum", "surface") and not one.dims]
 
 
 def list_files(scene: Plan) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -260,7 +258,9 @@ class RunResult:
             out["gaps"] = self.gaps.tolist()
         if self.waves is not None and self.waves.pulse is not None:
             out["pulse_distance"] = self.waves.pulse.distance
-        known = {name: self.dataset[name].item() for name in _OF_WAVES if name in self.dataset}
+        # of the waves in its samples, or at its edge, what is known
+        of_waves = [n for n, one in CATALOGUE.items() if one.cost in ("pulse", "spectrum", "surface") and not one.dims]
+        known = {name: self.dataset[name].item() for name in of_waves if name in self.dataset}
         return out | {name: value for name, value in known.items() if np.isfinite(value)}
 
     def _summarise_states(self) -> dict[str, Any]:
