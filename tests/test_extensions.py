@@ -89,9 +89,7 @@ load: {force: 10 N}
         wanted = gp.Crystal.on("chain", [ball], law="half").at_force(10.0).overlap[0]
         assert found.summary()["overlap"] == pytest.approx(wanted, rel=1e-14)
         again = Scene.from_yaml(found.files[0].parent / "scene.yaml")
-        assert (
-            again.run(tmp_path / "again", True, figures=False).summary()["overlap"] == found.summary()["overlap"]
-        )
+        assert again.run(tmp_path / "again", True, figures=False).summary()["overlap"] == found.summary()["overlap"]
     (tmp_path / "scene.yaml").write_text(text.replace("LAW", "{soft: {part: 0.5, push: 2 s}}"), encoding="utf-8")
     with pytest.raises(InputError, match="push: found '2 s'"):
         Scene.from_yaml(tmp_path / "scene.yaml")
