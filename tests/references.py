@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.distributions import PointShape, Shape
-from granphon.base.errors import PrecisionError, message
+from granphon.base.errors import PrecisionError
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.laws.spread import STIFFNESS, high_pressure_series
 
@@ -144,7 +144,7 @@ def integrate_curve(
         def slope(root: float, k: Array) -> list[float]:
             _, by_root, by_k = state(root, float(k[0]))
             if not by_k:
-                raise PrecisionError(message("the differences of diameters are lost in rounding", mend="Lower the load"))
+                raise PrecisionError("the differences of diameters are lost in rounding", mend="Lower the load")
             return [(2.0 * root * float(k[0]) - by_root) / by_k]
 
         def excess(root: float, k: Array) -> float:
@@ -178,7 +178,7 @@ def integrate_curve(
         if out.status:  # an event has ended the integration, or it failed
             break
     if np.any(missing):
-        raise PrecisionError(message(f"the curve was not followed down to f* = {np.min(wanted):.3g}", out.message))
+        raise PrecisionError(f"the curve was not followed down to f* = {np.min(wanted):.3g}", out.message)
     return overlaps, stiffnesses
 
 

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.packing import Packing
-from granphon.base.errors import InputError, brief, message
+from granphon.base.errors import InputError, brief
 from granphon.base.scales import Units
 from granphon.base.text import require_path
 
@@ -121,7 +121,7 @@ def adopt(atoms: Atoms, units: Units, kind: Kind, like: Atoms | None = None, coo
     if like is not None:
         if len(like) != len(balls):
             raise InputError(
-                message(f"like has {len(like)} balls, and the Atoms have {len(balls)}", "Arrays are copied ball by ball")
+                f"like has {len(like)} balls, and the Atoms have {len(balls)}", "Arrays are copied ball by ball"
             )
         if not has_masses(balls):
             balls.set_array("masses", None)
@@ -139,14 +139,12 @@ def find_kind(balls: Atoms, units: Units, finite_overlap: bool, coordinates: int
     """
     missing = ["masses"] * (not has_masses(balls)) + [name for name in ARRAYS if not balls.has(name)]
     if missing:
-        raise InputError(
-            message(f"the Atoms have no {', '.join(missing)}", "A file or another program has left this out", _MEND)
-        )
+        raise InputError(f"the Atoms have no {', '.join(missing)}", "A file or another program has left this out", _MEND)
     for name, shape in _shapes(coordinates).items():
         if balls.arrays[name].shape != (len(balls), *shape):
             why = f"The balls of this state turn about {'x, y and z' if shape else 'z only'}" if name == "rotations" else ""
             raise InputError(
-                message(f"the array {name} has the shape {balls.arrays[name].shape}", why, f"Give {(len(balls), *shape)}")
+                f"the array {name} has the shape {balls.arrays[name].shape}", why, f"Give {(len(balls), *shape)}"
             )
     _require_info(balls, units)
     given = balls.arrays[_SCALES]
@@ -155,25 +153,21 @@ def find_kind(balls: Atoms, units: Units, finite_overlap: bool, coordinates: int
         ball = int(np.argmin(same))
         d, k, mass = (f"{value:.9g}" for value in np.exp(given[ball]))
         raise InputError(
-            message(
-                f"ball {ball} of the Atoms is in units of d = {d} m, k = {k} N/m, M = {mass} kg; the state has"
-                f" {units.length:.9g} m, {units.stiffness:.9g} N/m, {units.mass:.9g} kg",
-                "It is in the reduced units of another state, or was added without any",
-                "Use the state it was made from, and add balls from gp.atoms(state)",
-            )
+            f"ball {ball} of the Atoms is in units of d = {d} m, k = {k} N/m, M = {mass} kg; the state has"
+            f" {units.length:.9g} m, {units.stiffness:.9g} N/m, {units.mass:.9g} kg",
+            "It is in the reduced units of another state, or was added without any",
+            "Use the state it was made from, and add balls from gp.atoms(state)",
         )
     kinds = set(balls.arrays[_KIND].tolist())
     if len(kinds) > 1:
-        raise InputError(message("the Atoms combine balls on different lattices", mend="Use balls of one lattice"))
+        raise InputError("the Atoms combine balls on different lattices", mend="Use balls of one lattice")
     kind: Kind = kinds.pop() if kinds else FINITE * finite_overlap
     if (kind == FINITE) != finite_overlap:
         ours, theirs = ("with", "without") if finite_overlap else ("without", "with")
         raise InputError(
-            message(
-                f"the Atoms were made {theirs} finite overlap, and this is a calculation {ours} it",
-                "Their cells differ by the overlap",
-                f"Make the state with finite_overlap={not finite_overlap}, or make new Atoms with gp.atoms(state)",
-            )
+            f"the Atoms were made {theirs} finite overlap, and this is a calculation {ours} it",
+            "Their cells differ by the overlap",
+            f"Make the state with finite_overlap={not finite_overlap}, or make new Atoms with gp.atoms(state)",
         )
     return kind
 
@@ -184,12 +178,10 @@ def require_lying(balls: Atoms, periods: int) -> None:
         return
     where, layer = (("line", "one row along x"), ("plane", "one layer in x and y"))[periods - 1]
     if np.any(np.abs(np.asarray(balls.cell)[:periods, periods:]) > _TILT):
-        raise InputError(message(f"the cell is tilted out of the {where}", f"The array is {layer}"))
+        raise InputError(f"the cell is tilted out of the {where}", f"The array is {layer}")
     if np.any(balls.pbc[periods:]):
         allowed = tuple(axis < periods for axis in range(3))
-        raise InputError(
-            message(f"the balls are periodic across the {where}", f"The array is {layer}", f"Set pbc = {allowed}")
-        )
+        raise InputError(f"the balls are periodic across the {where}", f"The array is {layer}", f"Set pbc = {allowed}")
 
 
 def _take_logarithms(units: Units) -> Array:
@@ -201,11 +193,9 @@ def _require_info(balls: Atoms, units: Units) -> None:
         given = balls.info.get(key, value)
         if not np.isclose(float(given), value, rtol=1e-9, atol=0.0):
             raise InputError(
-                message(
-                    f"the Atoms have {key} = {given}, the state {value}",
-                    "They are in the reduced units of another state",
-                    "Use the state they were made from, or gp.atoms of this one",
-                )
+                f"the Atoms have {key} = {given}, the state {value}",
+                "They are in the reduced units of another state",
+                "Use the state they were made from, or gp.atoms of this one",
             )
 
 
@@ -221,7 +211,7 @@ def write_extxyz(path: str | Path, atoms: Atoms) -> None:
 
     require_path(path)
     if not isinstance(atoms, Atoms):
-        raise InputError(message(f"atoms is {brief(atoms)}", mend="Give an ase.Atoms"))
+        raise InputError(f"atoms is {brief(atoms)}", mend="Give an ase.Atoms")
     first = {"symbols": np.array(list(atoms.symbols)), "positions": atoms.positions}
     arrays: dict[str, Any] = first | {name: a for name, a in atoms.arrays.items() if name not in ("numbers", "positions")}
     header, _, _, row = output_column_format(atoms, list(arrays), arrays)

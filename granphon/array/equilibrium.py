@@ -40,7 +40,7 @@ from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.balls import hertz
 from granphon.balls.lattices import TRIANGULAR, Lattice
-from granphon.base.errors import ConvergenceError, InputError, message
+from granphon.base.errors import ConvergenceError, InputError
 from granphon.base.results import Result
 from granphon.dynamics.long_waves import voigt_pairs
 
@@ -141,7 +141,7 @@ class Equilibrium(Result):
         wanted = self.lattice.n_balls * self.lattice.periods, *shape
         if len(shape) != self.lattice.periods or np.shape(self.balls) != wanted:
             found = f"deviations of the shape {np.shape(self.deviations)} and balls of {np.shape(self.balls)}"
-            raise InputError(message(f"the Equilibrium has {found}, which is no array of the {self.lattice.name} lattice"))
+            raise InputError(f"the Equilibrium has {found}, which is no array of the {self.lattice.name} lattice")
 
     @cached_property
     def place(self) -> ExactPlace:
@@ -437,11 +437,9 @@ def equilibrate(
     for newton in range(begun, _NEWTON_STEPS):
         if not free and here.force < THRESHOLD_FORCE and not np.all(here.root):
             raise InputError(
-                message(
-                    f"at an overlap of {here.overlap:.6g} widths this sample carries no load",
-                    f"Its force is below f* = {THRESHOLD_FORCE:g}: too few balls touch to hold each other",
-                    "Press it together more",
-                )
+                f"at an overlap of {here.overlap:.6g} widths this sample carries no load",
+                f"Its force is below f* = {THRESHOLD_FORCE:g}: too few balls touch to hold each other",
+                "Press it together more",
             )
         distance = here.distance
         if distance <= tolerance:
@@ -469,21 +467,17 @@ def equilibrate(
         # where balls that nothing holds move far, single precision may spoil a step
         steps, before, single = steps + taken, distance, single and length > _SPOILT_LENGTH
     raise ConvergenceError(
-        message(
-            f"the sample has not come to rest after {_NEWTON_STEPS} steps",
-            f"At an overlap of {here.overlap:.6g} widths a force of {here.left / here.force:.2g} of the mean contact force "
-            "is left on a ball",
-            "Raise the load, or take fewer balls",
-        )
+        f"the sample has not come to rest after {_NEWTON_STEPS} steps",
+        f"At an overlap of {here.overlap:.6g} widths a force of {here.left / here.force:.2g} of the mean contact force "
+        "is left on a ball",
+        "Raise the load, or take fewer balls",
     )
 
 
 def explain_too_small(force: float) -> InputError:
     """Return the error for a reduced force below :data:`THRESHOLD_FORCE`."""
     return InputError(
-        message(
-            f"a mean contact force of f* = {force:.3g} is below {THRESHOLD_FORCE:g}",
-            "Such a sample is at its rigidity threshold, where its equilibrium cannot be found",
-            "Raise the load",
-        )
+        f"a mean contact force of f* = {force:.3g} is below {THRESHOLD_FORCE:g}",
+        "Such a sample is at its rigidity threshold, where its equilibrium cannot be found",
+        "Raise the load",
     )

@@ -45,7 +45,7 @@ from granphon.array.friction import Tangent
 from granphon.array.krylov import MOST_ITERATIONS, Single, conjugate_gradients, solve_for_motion
 from granphon.array.stencils import Motion, Stencils
 from granphon.balls.contact_table import contact_frames
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError
 from granphon.dynamics.rows import Row
 
 Array = NDArray[np.float64]
@@ -169,7 +169,7 @@ def require_small(ratio: float) -> None:
     if not 0.0 <= ratio <= LARGEST_RATIO:
         what = f"the exact geometry is not simulated of a width of {ratio:.3g} diameters"
         why = "Contacts are those of neighbours on the lattice: of balls that differ much, others touch"
-        raise InputError(message(what, why, f"Give a width from zero to {LARGEST_RATIO:g} diameters"))
+        raise InputError(what, why, f"Give a width from zero to {LARGEST_RATIO:g} diameters")
 
 
 class ExactGeometry:

@@ -24,7 +24,7 @@ from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.loads import balls_on_side, force_of_frame
 from granphon.balls.material import Material
 from granphon.balls.packing import Packing, given_packing, require_shallow
-from granphon.base.errors import ConvergenceError, InputError, brief, message
+from granphon.base.errors import ConvergenceError, InputError, brief
 from granphon.base.results import Result, read_only
 from granphon.base.validation import finite_array, positive, require, whole_number
 from granphon.dynamics.compatibility import GYRATION
@@ -188,18 +188,16 @@ class Hexagon:
     ) -> None:
         if given_packing(packing).structure.contacts.normal.shape != (3, 2) or packing.named_motions.name != "in_plane":
             raise InputError(
-                message(
-                    f"a hexagon of the {packing.structure.name} lattice with motions {packing.named_motions.name}",
-                    "The hexagon is made of the triangular lattice, in its plane",
-                    "Leave lattice and motions out of the Packing",
-                )
+                f"a hexagon of the {packing.structure.name} lattice with motions {packing.named_motions.name}",
+                "The hexagon is made of the triangular lattice, in its plane",
+                "Leave lattice and motions out of the Packing",
             )
         if not isinstance(wall_material, Material | None):
-            raise InputError(message(f"wall_material is {brief(wall_material)}", mend="Give a gp.Material, or None"))
+            raise InputError(f"wall_material is {brief(wall_material)}", mend="Give a gp.Material, or None")
         self.packing = packing
         self.balls_per_side = n = int(require("balls_per_side", balls_on_side, balls_per_side))
         if n < 2:
-            raise InputError(message("a hexagon of one ball has no contacts", mend="Give balls_per_side of 2 or more"))
+            raise InputError("a hexagon of one ball has no contacts", mend="Give balls_per_side of 2 or more")
         self.seed = None if diameters is not None else whole_number("seed", seed, 0)
         q = np.stack(np.meshgrid(np.arange(1 - n, n), np.arange(1 - n, n), indexing="ij"), axis=-1).reshape(-1, 2)
         self._cells = q[np.abs(q[:, 0] - q[:, 1]) < n]
@@ -209,10 +207,10 @@ class Hexagon:
         if diameters is not None:
             drawn = finite_array("diameters", diameters, "m", "above zero")
             if drawn.shape != (count,):
-                raise InputError(message(f"diameters have the shape {drawn.shape}", mend=f"Give {count} numbers"))
+                raise InputError(f"diameters have the shape {drawn.shape}", mend=f"Give {count} numbers")
             if abs(np.mean(drawn) - d) > 1e-9 * d:
                 what = f"the mean of the diameters is {np.mean(drawn):.9g} m, that of the packing {d:.9g} m"
-                raise InputError(message(what))
+                raise InputError(what)
         else:
             drawn = np.zeros(count) if packing.spread is None else packing.spread.sample(count, int(self.seed or 0))
         #: (3n(n - 1) + 1,) deviations from the mean diameter, m
@@ -303,7 +301,7 @@ class Hexagon:
         depth = 2.0 * float(HertzLaw(self.wall_coefficient).overlap(at_wall)) / packing.diameter
         if not depth < 1.0:
             what = f"{load} presses a ball into its wall by {depth:.4g} times its radius"
-            raise InputError(message(what, "Its centre would be beyond the wall", "Lower the load"))
+            raise InputError(what, "Its centre would be beyond the wall", "Lower the load")
 
     def at_force(self, force: float) -> PressedHexagon:
         """Press the walls with F = n 3^1/2 f, where f is the contact ``force``, N; see :meth:`at_side_force`."""
@@ -342,5 +340,5 @@ class Hexagon:
             length = find_step_length(h, strain, -float(push @ step)) if left > _FACTOR**3 else 1.0
             z, h = z + length * step, h - length * strain
         raise ConvergenceError(
-            message(f"the hexagon has not come to rest: a force of {left:.2g} of the mean contact force is left on a ball")
+            f"the hexagon has not come to rest: a force of {left:.2g} of the mean contact force is left on a ball"
         )

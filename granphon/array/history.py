@@ -29,7 +29,7 @@ from granphon.array.load_step import BALANCE_TOLERANCE
 from granphon.array.stencils import Stencils, dot
 from granphon.array.stepper import GAS, MOST_HALVINGS, Stepper, find_aim, goes_on, weigh_states
 from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_exactly
-from granphon.base.errors import ConvergenceError, InputError, message
+from granphon.base.errors import ConvergenceError, InputError
 
 Array = NDArray[np.float64]
 #: reduced spacing a* = y + 1/2 at which a history begins, at rest without friction
@@ -108,7 +108,7 @@ class LoadingHistory:
             except InputError as error:
                 what = f"the history starts below the threshold, at {self.stepper.name_load(load)}"
                 mend = 'Start at a higher load, or at "gas" for an array that only friction holds'
-                raise InputError(message(what, "Without friction the balls carry no load there", mend)) from error
+                raise InputError(what, "Without friction the balls carry no load there", mend) from error
         assert isinstance(state, Equilibrium)
         ratio = self.ratio
         if ratio and not (isinstance(state, TrueEquilibrium) and state.ratio == ratio):

@@ -31,7 +31,7 @@ from granphon.array.krylov import KEPT, Map, Single, conjugate_gradients
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.sparse_matrices import compose_hessian, factorise
 from granphon.array.stencils import Motion, Stencils, dot
-from granphon.base.errors import ConvergenceError, message
+from granphon.base.errors import ConvergenceError
 from granphon.dynamics.long_waves import voigt_pairs
 
 Array = NDArray[np.float64]
@@ -105,7 +105,7 @@ def find_linear_response(stencils: Stencils, springs: Array, tensions: Iterable[
             )
             if count == most:
                 what = f"the linear response of the sample is not found in {_MOST_ITERATIONS} steps"
-                raise ConvergenceError(message(what, mend="Raise the load"))
+                raise ConvergenceError(what, mend="Raise the load")
             found += change
         motions.append(found)
     return motions
@@ -202,7 +202,7 @@ def find_motions(place: ExactPlace, acting: ActingForces, stencils: Stencils) ->
                 motion, done = _solve_by_gmres(apply, precondition, right, floor, most)
         if not done:
             why = "" if stable else "The forces push balls aside more than the contacts hold them: it is not stable"
-            raise ConvergenceError(message("the linear response of the sample is not found", why, "Raise the load"))
+            raise ConvergenceError("the linear response of the sample is not found", why, "Raise the load")
         return motion.reshape(shape)
 
     return find

@@ -29,7 +29,7 @@ from granphon.array.sample import STEP, Sample, find_density, turn_frames
 from granphon.array.stencils import Motion, Stencils
 from granphon.array.true_equilibrium import find_exact_elasticity
 from granphon.balls.hertz import reduce_by_slip
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError
 from granphon.base.results import read_only
 from granphon.networks.network import ContactNetwork
 
@@ -88,7 +88,7 @@ class PressedEquilibrium(Equilibrium):
         wanted = (turns, *stencils.shape), (self.lattice.periods - 1, stencils.n_contacts, *stencils.shape)
         if (self.rotations.shape, self.shears.shape) != wanted:
             found = f"rotations of the shape {self.rotations.shape} and shears of {self.shears.shape}"
-            raise InputError(message(f"the PressedEquilibrium has {found}, which do not belong to its balls"))
+            raise InputError(f"the PressedEquilibrium has {found}, which do not belong to its balls")
 
     @cached_property
     def sheared(self) -> Stencils:
@@ -229,7 +229,7 @@ class PressedSample(Sample):
         here, mu = self.equilibrium.contacts, self.equilibrium.friction_coefficient
         if not 0.0 < mu < math.inf:
             what, why = f"there is no |T|/(mu f) where mu is {mu:g}", "Coulomb's limit mu f is zero, or infinite"
-            raise InputError(message(what, why, "Use tangential_ratio_distribution, of |T|/f"))
+            raise InputError(what, why, "Use tangential_ratio_distribution, of |T|/f")
         return find_density(self.equilibrium.law.mobilise(here)[here.carried], bins, 0.0, 1.0)
 
     @property

@@ -19,7 +19,7 @@ from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_exactly
 from granphon.balls.contact_table import contact_frames
 from granphon.balls.lattices import BALL
 from granphon.balls.packing import MINDLIN, Packing
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units, WidthUnits
 from granphon.base.validation import whole_number
@@ -315,7 +315,7 @@ def find_density(values: Array, bins: int, least: float, largest: float) -> tupl
     """
     number = whole_number("bins", bins, 1)
     if not -math.inf < least < largest < math.inf:
-        raise InputError(message(f"there are no bins between {least:g} and {largest:g}", mend="Give a larger upper end"))
+        raise InputError(f"there are no bins between {least:g} and {largest:g}", mend="Give a larger upper end")
     counts, edges = np.histogram(values, number, (least, largest))
     return edges, counts / (values.size * np.diff(edges))
 

@@ -20,7 +20,7 @@ from granphon.array.sparse_matrices import compose, factorise
 from granphon.balls import hertz
 from granphon.balls.contact_table import contact_frames
 from granphon.balls.lattices import TRIANGULAR, Lattice
-from granphon.base.errors import ConvergenceError, message
+from granphon.base.errors import ConvergenceError
 from granphon.dynamics.long_waves import voigt_pairs
 
 Array = NDArray[np.float64]
@@ -109,11 +109,9 @@ class SparseArray:
             _, strain = find_step(self._c, self._transposed, stiffness, pull, self._free)
             h = h - find_step_length(h, strain) * strain
         raise ConvergenceError(
-            message(
-                f"the array has not come to rest at an overlap of {overlap:.6g} widths",
-                f"A force of {residual:.2g} is left on a ball, and the mean contact force is {mean:.2g}",
-                "Raise the overlap",
-            )
+            f"the array has not come to rest at an overlap of {overlap:.6g} widths",
+            f"A force of {residual:.2g} is left on a ball, and the mean contact force is {mean:.2g}",
+            "Raise the overlap",
         )
 
     def _find_largest(self, pull: Array) -> float:

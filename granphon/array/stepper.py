@@ -59,7 +59,7 @@ from granphon.array.load_step import (
 )
 from granphon.array.preconditioners import Patches
 from granphon.array.stencils import dot
-from granphon.base.errors import ConvergenceError, message
+from granphon.base.errors import ConvergenceError
 
 Array = NDArray[np.float64]
 #: number of times that a step of the load is halved where Newton's method fails, and where f* is not yet accurate
@@ -219,7 +219,7 @@ class Stepper:
         what = f"the loading with friction has not reached {self.name_load(load)}"
         other = "take another seed" if self.from_gas else "start at a higher load"
         mend = mend or f"End the path before this load, or {other}"
-        return ConvergenceError(message(what, why[0].upper() + why[1:], mend))
+        return ConvergenceError(what, why[0].upper() + why[1:], mend)
 
     def locate(self, here: PressedArray) -> Place:
         """Return the configuration of a state; those of the last three are kept."""
@@ -293,17 +293,15 @@ class Stepper:
                 if self.geometry.ratio:
                     why = "In the true geometry forces turn with their contacts, and turn balls that too few contacts hold"
                     mend = 'Take the geometry "lattice"'
-                raise ConvergenceError(message(what, why, mend)) from error
+                raise ConvergenceError(what, why, mend) from error
             if here.force >= STANDING_FORCE:
                 at_rest = damped._come_to_rest(here)
                 if at_rest is not None:
                     return at_rest
         raise ConvergenceError(
-            message(
-                f"the balls still do not stand at an overlap of {here.overlap:.3g} widths",
-                "Friction does not hold what the lattice leaves loose",
-                "Raise the friction coefficient",
-            )
+            f"the balls still do not stand at an overlap of {here.overlap:.3g} widths",
+            "Friction does not hold what the lattice leaves loose",
+            "Raise the friction coefficient",
         )
 
     def _come_to_rest(self, here: PressedArray) -> PressedArray | None:

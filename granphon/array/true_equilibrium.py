@@ -40,7 +40,7 @@ from granphon.array.preconditioners import MOST_BALLS, Preconditioners
 from granphon.array.sparse_matrices import compose_hessian, factorise
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.balls import hertz
-from granphon.base.errors import ConvergenceError, InputError, message
+from granphon.base.errors import ConvergenceError, InputError
 
 Array = NDArray[np.float64]
 #: force left on a ball over W/d times the mean force, at most: loose balls carry forces of about that
@@ -343,11 +343,9 @@ class _Path:
                     break
             trial = self._search(trial)
         raise ConvergenceError(
-            message(
-                f"the sample has not come to rest in its true geometry after {_NEWTON_STEPS} steps",
-                f"At an overlap of {trial.overlap:.6g} widths a force of {trial.left:.2g} of the mean contact force is left",
-                "Raise the load, take fewer balls, or the directions of the lattice (geometry: lattice)",
-            )
+            f"the sample has not come to rest in its true geometry after {_NEWTON_STEPS} steps",
+            f"At an overlap of {trial.overlap:.6g} widths a force of {trial.left:.2g} of the mean contact force is left",
+            "Raise the load, take fewer balls, or the directions of the lattice (geometry: lattice)",
         )
 
     def _search(self, trial: _Trial) -> _Trial:
@@ -377,7 +375,7 @@ class _Path:
         """Return the state with these displacements; one that is ``far``, along a step, may be without load."""
         found = _Trial(self._geometry.place(balls, overlap), self._load)
         if not (far or found.force > 0.0):
-            raise InputError(message(f"at an overlap of {overlap:.6g} widths this sample carries no load"))
+            raise InputError(f"at an overlap of {overlap:.6g} widths this sample carries no load")
         return found
 
     def _find_step(self, trial: _Trial, truly: bool = False) -> Motion:

@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol
 
 from granphon.balls.diameters import Discrete, Measured, Normal, Uniform, given_spread
 from granphon.balls.material import LEAST_YOUNG_MODULUS, Material
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError
 from granphon.base.validation import label, positive, require
 
 #: reason given when a property of a ball is outside its limit
@@ -89,7 +89,7 @@ class Ball:
 
     def __post_init__(self) -> None:
         if not isinstance(self.material, Material):
-            raise InputError(message(f"the material of a ball is {self.material!r}", mend="Give a granphon.Material"))
+            raise InputError(f"the material of a ball is {self.material!r}", mend="Give a granphon.Material")
         diameter = positive("diameter", self.diameter, "m")
         mass: float | None = self.mass
         mass = positive("mass", self.material.ball_mass(diameter) if mass is None else mass, "kg")
@@ -98,7 +98,7 @@ class Ball:
         inertia = positive("inertia", solid if inertia is None else inertia, "kg m^2")
         if inertia > 5.0 / 3.0 * solid * (1.0 + 1e-9):
             why = f"That of a shell of this mass, the largest there is, is {5.0 / 3.0 * solid:g} kg m^2"
-            raise InputError(message(f"inertia is {inertia:g} kg m^2", why, "Compare the units"))
+            raise InputError(f"inertia is {inertia:g} kg m^2", why, "Compare the units")
         if self.name != "":
             require("the name of a ball", label, self.name)
         if self.spread is not None:
@@ -169,7 +169,7 @@ class ContactConstants(NamedTuple):
         """The constants of a pair; raises :class:`InputError` if none of the two yields, or if both are flat."""
         curvature, compliance = ball.curvature + other.curvature, ball.compliance + other.compliance
         if not (curvature > 0.0 and compliance > 0.0):
-            raise InputError(message("two flat or rigid bodies make no elastic contact", mend="One must be a ball"))
+            raise InputError("two flat or rigid bodies make no elastic contact", mend="One must be a ball")
         ratio = 4.0 * compliance / (ball.shear_compliance + other.shear_compliance)
         twist = 16.0 / 3.0 / (ball.twist_compliance + other.twist_compliance)
         return cls(1.0 / compliance, 1.0 / curvature, ratio, twist)

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.ball import Body, ContactConstants
 from granphon.balls.hertz import HertzLaw
-from granphon.base.errors import InputError, brief, message
+from granphon.base.errors import InputError, brief
 from granphon.base.quantities import ADHESION, LOADS, Quantity
 from granphon.base.registry import Registry
 from granphon.base.validation import Rule, above_zero, choice, not_negative, positive, real_array, real_number, require
@@ -77,7 +77,7 @@ def _require_pushing(load: Array, least: float = 0.0) -> None:
     if not np.all(load >= least):
         what = "the force of a contact is negative" if least == 0.0 else f"a contact is pulled by more than {-least:.6g} N"
         why = "One-sided contacts carry no tension" if least == 0.0 else "That is what its adhesion bears"
-        raise InputError(message(what, why, f"Give f >= {least:.6g}"))
+        raise InputError(what, why, f"Give f >= {least:.6g}")
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class PowerLaw:
         object.__setattr__(self, "coefficient", positive("coefficient", self.coefficient, "N/m^exponent"))
         if self.exponent < 1.0:
             why = "Below 1 a contact is infinitely stiff where balls begin to touch"
-            raise InputError(message(f"exponent is {self.exponent:g}", why, "Give 1 or more"))
+            raise InputError(f"exponent is {self.exponent:g}", why, "Give 1 or more")
 
     @property
     def least_overlap(self) -> float:
@@ -350,7 +350,7 @@ class TabulatedLaw:
         delta, f = real_array("overlap", overlap), real_array("force", force)
         if delta.ndim != 1 or delta.shape != f.shape:
             what = f"the table of a contact law has {delta.shape} overlaps and {f.shape} forces"
-            raise InputError(message(what, mend="Give two lists of one length"))
+            raise InputError(what, mend="Give two lists of one length")
         if delta.size and delta[0] == 0.0 and f[0] == 0.0:
             delta, f = delta[1:], f[1:]
         good = np.isfinite(delta) & np.isfinite(f) & (delta > 0.0) & (f > 0.0)
@@ -358,10 +358,10 @@ class TabulatedLaw:
         if not np.all(good):
             row = int(np.argmin(good))
             what = f"the table of a contact law has the overlap {delta[row]:g} m and the force {f[row]:g} N in its row {row}"
-            raise InputError(message(what, "Both must be above zero, and above those of the row before", "Sort the table"))
+            raise InputError(what, "Both must be above zero, and above those of the row before", "Sort the table")
         if delta.size < 2:
             what = f"the table of a contact law has {delta.size} rows with a force"
-            raise InputError(message(what, mend="Give two or more"))
+            raise InputError(what, mend="Give two or more")
         object.__setattr__(self, "overlaps", tuple(delta.tolist()))
         object.__setattr__(self, "forces", tuple(f.tolist()))
 
@@ -485,12 +485,12 @@ def law_between(law: Any, ball: Body, other: Body) -> PairLaw:
     Raises :class:`~granphon.base.errors.InputError` if it lacks one of the five methods.
     """
     if isinstance(law, type):
-        raise InputError(message(f"the contact law is the class {law.__name__}", mend=f"Give a law, as {law.__name__}(...)"))
+        raise InputError(f"the contact law is the class {law.__name__}", mend=f"Give a law, as {law.__name__}(...)")
     found = law.between(ball, other) if hasattr(law, "between") else law
     if lacking := [name for name in _METHODS if not callable(getattr(found, name, None))]:
         what = f"the contact law {brief(law)} has no method {', '.join(lacking)}"
         mend = "Give one of granphon's laws, or an object with the methods " + ", ".join(_METHODS)
-        raise InputError(message(what, "They are functions of the overlap, and overlap is one of the force", mend))
+        raise InputError(what, "They are functions of the overlap, and overlap is one of the force", mend)
     return found  # type: ignore[no-any-return]
 
 
@@ -513,18 +513,16 @@ def check_law(law: PairLaw, radius: float) -> None:
             what = f"{method} of the contact law {name} does not take an array: {str(error).rstrip('.')}"
             why = "All contacts are asked at once"
             mend = "Use numpy's functions, such as np.maximum for max, np.sqrt for math.sqrt, np.where for if"
-            raise InputError(message(what, why, mend)) from error
+            raise InputError(what, why, mend) from error
 
     least = getattr(law, "least_overlap", None)
     below = ask("force", (least or 0.0) - delta)
     if not np.all(np.isfinite(below)):
         what, mend = f"force of the contact law {name} is not finite below an overlap of", "np.maximum(overlap, 0.0)"
-        raise InputError(message(f"{what} {least or 0.0:g} m", "Balls may be apart", f"Return zero there, with {mend}"))
+        raise InputError(f"{what} {least or 0.0:g} m", "Balls may be apart", f"Return zero there, with {mend}")
     if least is not None and np.any(below):
         why = f"least_overlap is {least:g} m, below which balls are apart"
-        raise InputError(
-            message(f"the contact law {name} has forces that its least_overlap denies", why, "Return zero there")
-        )
+        raise InputError(f"the contact law {name} has forces that its least_overlap denies", why, "Return zero there")
     if least is None and np.any(below):  # a bond
         delta = np.concatenate([delta, -delta])
     steps = delta[:, None] * (1.0 + _STEP * np.array([0.0, 1.0, -1.0]))
@@ -533,11 +531,11 @@ def check_law(law: PairLaw, radius: float) -> None:
         given = ask(method, steps)
         if given.shape != steps.shape or given.dtype.kind != "f" or not np.all(np.isfinite(given)):
             what = f"{method} of the contact law {name} returns {brief(given)} for an array of overlaps"
-            raise InputError(message(what, mend="Return an array of numbers of the same shape"))
+            raise InputError(what, mend="Return an array of numbers of the same shape")
         values[method] = given
 
     def refuse(what: str, where: int) -> None:
-        raise InputError(message(f"{what} at an overlap of {delta[where]:.4g} m", mend="Mend the law"))
+        raise InputError(f"{what} at an overlap of {delta[where]:.4g} m", mend="Mend the law")
 
     for method, of in (("energy", "force"), ("force", "stiffness"), ("stiffness", "stiffness_slope")):
         rise = (values[method][:, 1] - values[method][:, 2]) / (2.0 * _STEP * delta)
@@ -600,9 +598,9 @@ def register_law(name: str, law: Any, **units: str) -> Any:
     """
     if not (callable(getattr(law, "between", None)) or all(callable(getattr(law, one, None)) for one in _METHODS)):
         mend = f"Give it the method between(ball, ball), or {', '.join(_METHODS)}"
-        raise InputError(message(f"{brief(law)} is no contact law", mend=mend))
+        raise InputError(f"{brief(law)} is no contact law", mend=mend)
     if units and not isinstance(law, type):
-        raise InputError(message(f"the contact law {name!r} is made already", mend="Give its class, or no units"))
+        raise InputError(f"the contact law {name!r} is made already", mend="Give its class, or no units")
     rules = {key: Quantity(key, unit, f"1 {unit}", unit, "any") if unit else real_number for key, unit in units.items()}
     LAWS.add(name, NamedLaw(law, rules))
     return law
@@ -615,5 +613,5 @@ def find_law(law: Any) -> Any:
     found = LAWS[require("law", partial(choice, options=LAWS), law)]
     if found.numbers:
         what = f"the contact law {law!r} has numbers: {', '.join(found.numbers)}"
-        raise InputError(message(what, mend=f"Give it as {found.law.__name__}({', '.join(found.numbers)})"))
+        raise InputError(what, mend=f"Give it as {found.law.__name__}({', '.join(found.numbers)})")
     return found.law() if isinstance(found.law, type) else found.law

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError
 from granphon.base.results import read_only
 
 Array = NDArray[np.float64]
@@ -185,19 +185,19 @@ def find_contacts(cell: Array, positions: Array, name: str, radii: Array | None 
             mend = "Give each site of the cell once; places that differ by vectors of the cell are one site"
         elif given and least * _LIKE < 1.0 / _UNITS["cm"]:
             mend = "Compare the units: diameters, cell and positions are in m"
-        raise InputError(message(f"balls of {called} overlap", why, mend))
+        raise InputError(f"balls of {called} overlap", why, mend)
     touching = np.flatnonzero(off <= TOUCH)
     alone = np.setdiff1d(np.arange(n), i[touching])
     if alone.size:
         which = f"ball {alone[0]} of {called}" if given else f"a ball of {called}"
         if given and closest == math.inf:
             said, mend = _tell_nearest(cell, positions, size, int(alone[0]))
-        raise InputError(message(f"{which} touches no other", said, mend))
+        raise InputError(f"{which} touches no other", said, mend)
     if closest - 1.0 <= _CLOSING:
         gap = f"a gap of {closest - 1.0:.2g}" + " of that" * given
         why = f"{said}. A{gap[1:]} closes under load, so that it was probably rounded"
         mend = f"{mend}; for balls that do not touch, leave gaps above {_CLOSING:g}" + " of their distance" * given
-        raise InputError(message(f"balls of {called} nearly touch", why, mend))
+        raise InputError(f"balls of {called} nearly touch", why, mend)
     first = touching[select_once(i[touching], j[touching], shifts[touching])]
     i, j, shifts = i[first], j[first], shifts[first]
     require_joined(i, j, shifts, n, len(cell), called, said if mend else "", mend)
@@ -241,7 +241,7 @@ def _find_near(cell: Array, positions: Array, radii: Array, called: str) -> tupl
     reach = _reach(cell, radius) + (not few)
     if np.prod(2.0 * reach + 1.0) * (1 if few else n / _FEW) > _MOST_CELLS:
         what = f"the cell of {called} is too oblique, or its sites are too far from each other"
-        raise InputError(message(what, mend="Give short lattice vectors, and sites from 0 to 1"))
+        raise InputError(what, mend="Give short lattice vectors, and sites from 0 to 1")
     if few:
         steps = _list_steps(cell, radius, reach)
         delta = apart[:, :, None] + (steps @ cell)[None, None]
@@ -307,7 +307,7 @@ def require_joined(
         cells = f"{count} in each cell" if periods else f"{count} of them"
         pieces = f"{_PIECES[ranks.pop()] if len(ranks) == 1 else 'pieces'}, {cells}"
         what = f"{called} falls into pieces that do not touch: {f'{count} {_PIECES[periods]}' if whole else pieces}"
-        raise InputError(message(what, said, mend or "Move them together, or give one of them alone"))
+        raise InputError(what, said, mend or "Move them together, or give one of them alone")
 
 
 def _scale_to_touch(cell: Array, near: Array, touching: Array, given: bool = False) -> str:

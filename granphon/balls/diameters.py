@@ -28,7 +28,7 @@ from granphon.balls.distributions import (
     find_quantiles,
     merge,
 )
-from granphon.base.errors import InputError, brief, message
+from granphon.base.errors import InputError, brief
 from granphon.base.quantities import LENGTH
 from granphon.base.tables import Table
 from granphon.base.validation import finite_list, not_negative, positive, whole_number
@@ -55,9 +55,7 @@ def uniform_numbers(shape: int | Sequence[int], seed: int) -> Array:
     lengths = tuple(given) if isinstance(given, Sequence) and not isinstance(given, bytes) else (given,)
     lengths = tuple(whole_number("shape", length, 0) for length in lengths)
     if not lengths or math.prod(lengths) > _MOST_NUMBERS:
-        raise InputError(
-            message(f"shape is {brief(shape)}", mend="Give one or more lengths, whose product is 2^48 balls or fewer")
-        )
+        raise InputError(f"shape is {brief(shape)}", mend="Give one or more lengths, whose product is 2^48 balls or fewer")
     seed = whole_number("seed", seed, 0, 2**64 - 1)
     state: NDArray[np.uint64] = np.array(int(seed), np.uint64)
     for length in lengths:
@@ -114,10 +112,10 @@ class Spread(ABC):
         if self.mean is not None and abs(self.mean - diameter) > _ROUNDED * diameter:
             what = f"the mean of the diameters is {self.mean:.12g} m, the packing's diameter is {diameter:.12g} m"
             mend = f"Give the mean, {self.mean!r} m, as the diameter"
-            raise InputError(message(what, "Deviations of diameters are counted from their mean", mend))
+            raise InputError(what, "Deviations of diameters are counted from their mean", mend)
         if not least > 0.0:
             why = f"The smallest deviation from the mean is {self.smallest:g} m"
-            raise InputError(message(f"the smallest ball has a diameter of {least:g} m", why, "Give a smaller spread"))
+            raise InputError(f"the smallest ball has a diameter of {least:g} m", why, "Give a smaller spread")
 
     def sample(self, shape: int | Sequence[int], seed: int) -> Array:
         """Deviations Delta of an array of balls of this shape, m: the quantiles of :func:`uniform_numbers`.
@@ -181,7 +179,7 @@ class Normal(Spread):
         object.__setattr__(self, "std", not_negative("std", self.std, "m"))
         object.__setattr__(self, "cutoff", positive("cutoff", self.cutoff))
         if not 1e-3 <= self.cutoff <= 10.0:
-            raise InputError(message(f"cutoff is {self.cutoff:g}", mend="Give 0.001 to 10 standard deviations, such as 3"))
+            raise InputError(f"cutoff is {self.cutoff:g}", mend="Give 0.001 to 10 standard deviations, such as 3")
 
     @property
     def rms(self) -> float:
@@ -255,15 +253,15 @@ class Discrete(_Listed):
         object.__setattr__(self, "fractions", finite_list("fractions", self.fractions, low="zero or above"))
         if len(self.fractions) != len(self.diameters):
             what = f"there are {len(self.diameters)} diameters and {len(self.fractions)} fractions"
-            raise InputError(message(what, mend="Give one fraction for each diameter"))
+            raise InputError(what, mend="Give one fraction for each diameter")
         rarest = min((part for part in self.fractions if part), default=1.0)
         if rarest < _RAREST:
             mend = "Leave it out, or give the fraction 0"
-            raise InputError(message(f"a fraction is {rarest:g}", f"A kind rarer than {_RAREST:g} is not resolved", mend))
+            raise InputError(f"a fraction is {rarest:g}", f"A kind rarer than {_RAREST:g} is not resolved", mend)
         over = math.fsum(self.fractions) - 1.0
         if abs(over) > _ROUNDED:
             what = f"the fractions sum to {1.0 + over:.12g}, {abs(over):.3g} {'above' if over > 0.0 else 'below'} 1"
-            raise InputError(message(what, "They are parts of a whole", "Divide them by their sum"))
+            raise InputError(what, "They are parts of a whole", "Divide them by their sum")
 
     def _compute_shares(self) -> Array:
         return np.array(self.fractions) / math.fsum(self.fractions)
@@ -304,5 +302,5 @@ class Measured(_Listed):
 def given_spread(spread: Any) -> Spread:
     """Return ``spread``, the argument of a public call; raises :class:`InputError` if it is not a :class:`Spread`."""
     if not isinstance(spread, Spread):
-        raise InputError(message(f"spread is {spread!r}", mend="Give a granphon.Uniform, Normal, Discrete or Measured"))
+        raise InputError(f"spread is {spread!r}", mend="Give a granphon.Uniform, Normal, Discrete or Measured")
     return spread

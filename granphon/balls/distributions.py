@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.hertz import EXPONENT
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError
 
 Array = NDArray[np.float64]
 #: an analytic piece of a distribution: (start, end, density as a function of t, t - start and end - t)
@@ -93,7 +93,7 @@ class Shape(ABC):
         Raises :class:`InputError` for another power.
         """
         if power not in np.arange(-0.5, 3.1, 0.5):
-            raise InputError(message(f"power is {power!r}", mend="Give a multiple of 1/2 from -1/2 to 3"))
+            raise InputError(f"power is {power!r}", mend="Give a multiple of 1/2 from -1/2 to 3")
         if x is None:
             return self._average(np.asarray(y, float), power, True)[()]
         return self._average(np.asarray(y, float) + 0.5 * np.asarray(x, float), power, False)[()]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.material import Material
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError
 from granphon.base.validation import positive, real_array
 
 Array = NDArray[np.float64]
@@ -43,17 +43,15 @@ def mindlin_reduction(tangential_load: ArrayLike, normal_load: ArrayLike, fricti
     mu = positive("friction_coefficient", friction_coefficient)
     tangential, normal = np.abs(real_array("tangential_load", tangential_load)), real_array("normal_load", normal_load)
     if not (np.all(np.isfinite(tangential)) and np.all(np.isfinite(normal)) and np.all(normal > 0.0)):
-        raise InputError(message("a load on the contact is not finite, or its normal part is not compressive"))
+        raise InputError("a load on the contact is not finite, or its normal part is not compressive")
     # mantissas and exponents apart: products of loads may leave the floating range where their quotient does not
     (of_mu, power_of_mu), (of_normal, power) = np.frexp(mu), np.frexp(normal)
     with np.errstate(over="ignore", under="ignore"):
         mobilised = np.ldexp(tangential, -(power + power_of_mu)) / (of_mu * of_normal)
     if np.any(mobilised >= 1.0):
         raise InputError(
-            message(
-                f"the tangential load is {float(np.max(mobilised)):.6g} of the friction threshold",
-                "At 1 the contact slides, and has no shear stiffness",
-            )
+            f"the tangential load is {float(np.max(mobilised)):.6g} of the friction threshold",
+            "At 1 the contact slides, and has no shear stiffness",
         )
     return reduce_by_slip(mobilised)[()]
 
@@ -111,7 +109,7 @@ class HertzLaw:
         two = one if second is None else positive("diameter", second, "m")
         coefficient = 2.0 / 3.0 * material.contact_modulus * math.sqrt(float(harmonic_diameter(one, two)))
         if not 0.0 < coefficient < math.inf:
-            raise InputError(message(f"balls of {one:g} m and {two:g} m of this material are beyond double precision"))
+            raise InputError(f"balls of {one:g} m and {two:g} m of this material are beyond double precision")
         return cls(coefficient)
 
     def energy(self, overlap: ArrayLike) -> Any:
@@ -140,9 +138,7 @@ class HertzLaw:
         """
         load = real_array("force", force)
         if not np.all(load >= 0.0):
-            raise InputError(
-                message("the force of a contact is negative", "One-sided contacts carry no tension", "Give f >= 0")
-            )
+            raise InputError("the force of a contact is negative", "One-sided contacts carry no tension", "Give f >= 0")
         with np.errstate(over="ignore"):
             ratio = load / self.coefficient
         kept = (ratio >= _LEAST_NORMAL) & (ratio < np.inf)  # where the quotient keeps its digits

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from granphon.balls.ball import RIGID_PLANE, Ball
 from granphon.balls.contact_table import TOUCH
 from granphon.balls.lattices import LATTICES, Lattice, find_lattice
-from granphon.base.errors import InputError, brief, message
+from granphon.base.errors import InputError, brief
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -28,14 +28,14 @@ STRUCTURES = {
 def list_balls(balls: Any) -> list[Any]:
     """Return balls, the argument of a public call, as a list; one ball is a list of one."""
     if isinstance(balls, str | Mapping | set | frozenset) or not isinstance(balls, Iterable | Ball):
-        raise InputError(message(f"the balls are {brief(balls)}", mend="Give a list of granphon.Ball"))
+        raise InputError(f"the balls are {brief(balls)}", mend="Give a list of granphon.Ball")
     return [balls] if isinstance(balls, Ball) else list(balls)
 
 
 def find_kinds(balls: Sequence[Any]) -> tuple[tuple[Ball, ...], Index]:
     """Return the different balls in the order in which they come, and the number of the kind of each."""
     if not balls:
-        raise InputError(message("there are no balls", mend="Give a list of granphon.Ball"))
+        raise InputError("there are no balls", mend="Give a list of granphon.Ball")
     of_object: dict[int, int] = {}
     kinds: dict[Ball, int] = {}
     out = []
@@ -43,7 +43,7 @@ def find_kinds(balls: Sequence[Any]) -> tuple[tuple[Ball, ...], Index]:
         at = of_object.get(id(ball))
         if at is None:
             if not isinstance(ball, Ball):
-                raise InputError(message(f"{brief(ball)} is not a ball", mend="Give a granphon.Ball for each site"))
+                raise InputError(f"{brief(ball)} is not a ball", mend="Give a granphon.Ball for each site")
             at = of_object[id(ball)] = kinds.setdefault(ball, len(kinds))
         out.append(at)
     return tuple(kinds), np.array(out, np.intp)
@@ -60,7 +60,7 @@ def name_kinds(kinds: Sequence[Ball], known: Mapping[Ball, str] | None = None) -
     found = tuple(names[ball] or next(free) for ball in kinds)
     if len(set(found)) < len(found) or RIGID_PLANE.name in found:
         twice = next(name for name in found if found.count(name) > 1 or name == RIGID_PLANE.name)
-        raise InputError(message(f"two kinds are called {twice!r}", "Laws are given by names", "Name each kind differently"))
+        raise InputError(f"two kinds are called {twice!r}", "Laws are given by names", "Name each kind differently")
     return found
 
 
@@ -75,7 +75,7 @@ def require_fit(balls: Sequence[Ball], cell: Array, name: str) -> None:
     which = f"ball {small.name or 'AB'[balls.index(small)]} of {small.diameter:g} m is too small for its site in {name}"
     why = f"The others, of {large.diameter:g} m, touch each other before they touch it: the ratio of the diameters is"
     why += f" {small.diameter / large.diameter:.4g}, and must be {least / large.diameter:.4g} or more"
-    raise InputError(message(which, why, f"Give it a diameter of {least:.6g} m or more"))
+    raise InputError(which, why, f"Give it a diameter of {least:.6g} m or more")
 
 
 def find_structure(name: str | Lattice) -> Lattice:
@@ -86,4 +86,4 @@ def find_structure(name: str | Lattice) -> Lattice:
     if isinstance(name, Lattice) or (isinstance(name, str) and name in LATTICES):
         return find_lattice(name)
     mend = "Use " + ", ".join([*LATTICES, *STRUCTURES]) + ", or a granphon.Lattice"
-    raise InputError(message(f"unknown lattice {brief(name)}", LATTICES.failures, mend))
+    raise InputError(f"unknown lattice {brief(name)}", LATTICES.failures, mend)

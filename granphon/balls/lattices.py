@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import TOUCH, ContactTable, find_contacts
-from granphon.base.errors import InputError, brief, message
+from granphon.base.errors import InputError, brief
 from granphon.base.registry import Registry
 from granphon.base.results import read_only, write_html
 from granphon.base.text import counted
-from granphon.base.validation import label, real_array, require
+from granphon.base.validation import is_one_of, label, real_array, require
 
 Array = NDArray[np.float64]
 #: chemical symbol that stands for a ball in Atoms and files; its mass is always given
@@ -80,46 +80,40 @@ class Lattice:
                 raise ValueError
         except ValueError as error:
             raise InputError(
-                message(
-                    f"lattice {self.name!r}: the cell must be one to three vectors, and each site as many fractions",
-                    str(error) if isinstance(error, InputError) else "",
-                    "Give a cell (p, d) of p vectors in d dimensions, p <= d <= 3, and sites (n, p) or (n, d)",
-                )
+                f"lattice {self.name!r}: the cell must be one to three vectors, and each site as many fractions",
+                str(error) if isinstance(error, InputError) else "",
+                "Give a cell (p, d) of p vectors in d dimensions, p <= d <= 3, and sites (n, p) or (n, d)",
             ) from None
         if not (np.all(np.isfinite(cell)) and np.all(np.isfinite(sites))):
-            raise InputError(message(f"lattice {self.name!r} has a number that is not finite"))
+            raise InputError(f"lattice {self.name!r} has a number that is not finite")
         if (largest := max(np.max(np.abs(cell)), np.max(np.abs(sites)))) > _LARGEST:
             why = "Lengths are in spacings of touching balls, sites in fractions of the cell"
             raise InputError(
-                message(f"lattice {self.name!r} has a number of size {largest:g}", why, f"Give numbers up to {_LARGEST:g}")
+                f"lattice {self.name!r} has a number of size {largest:g}", why, f"Give numbers up to {_LARGEST:g}"
             )
         if np.any(cell[:, periods:]):
             where = "along x" if periods == 1 else "in the xy plane"
-            raise InputError(message(f"the cell of lattice {self.name!r} does not lie {where}", mend="Turn the lattice"))
+            raise InputError(f"the cell of lattice {self.name!r} does not lie {where}", mend="Turn the lattice")
         object.__setattr__(self, "cell", tuple(map(tuple, cell.tolist())))
         object.__setattr__(self, "sites", tuple(map(tuple, sites.tolist())))
         if self.measure < _LEAST_MEASURE:
-            raise InputError(message(f"the cell of lattice {self.name!r} is too small for a ball of diameter one"))
+            raise InputError(f"the cell of lattice {self.name!r} is too small for a ball of diameter one")
         table, pull = self.contacts, np.zeros((self.n_balls, self.dimension))
         np.add.at(pull, table.j, table.normal)
         np.add.at(pull, table.i, -table.normal)
         if np.max(np.abs(pull)) > TOUCH:
             raise InputError(
-                message(
-                    f"lattice {self.name!r} is not in equilibrium: equal contact forces push ball"
-                    f" {int(np.argmax(np.abs(pull).max(axis=1)))} aside",
-                    "All contacts of equal balls under load carry the same force here",
-                    "Use a lattice in which the directions of each ball's contacts add up to zero",
-                )
+                f"lattice {self.name!r} is not in equilibrium: equal contact forces push ball"
+                f" {int(np.argmax(np.abs(pull).max(axis=1)))} aside",
+                "All contacts of equal balls under load carry the same force here",
+                "Use a lattice in which the directions of each ball's contacts add up to zero",
             )
         if (known := LATTICES.peek(self.name)) is not None and not self._repeats(known):
             raise InputError(
-                message(
-                    f"the lattice {self.name!r} has a cell or sites of its own",
-                    f"There is a lattice of that name, with the cell {brief(known.vectors.round(6).tolist())} and"
-                    f" {counted(known.n_balls, 'ball')}",
-                    f"Give yours another name, or lattice={self.name!r} to the packing",
-                )
+                f"the lattice {self.name!r} has a cell or sites of its own",
+                f"There is a lattice of that name, with the cell {brief(known.vectors.round(6).tolist())} and"
+                f" {counted(known.n_balls, 'ball')}",
+                f"Give yours another name, or lattice={self.name!r} to the packing",
             )
 
     def _repeats(self, other: Lattice) -> bool:
@@ -192,11 +186,9 @@ class Lattice:
         pressure = float(np.trace(stress)) / p
         if np.max(np.abs(stress - pressure * np.eye(p))) > 0.5 * TOUCH:
             raise InputError(
-                message(
-                    f"the stress of lattice {self.name!r} is not a pressure",
-                    f"Equal contact forces stress it by {np.round(stress, 6).tolist()} f/d{'' if p == 2 else '^2'}",
-                    "Load it by force or overlap",
-                )
+                f"the stress of lattice {self.name!r} is not a pressure",
+                f"Equal contact forces stress it by {np.round(stress, 6).tolist()} f/d{'' if p == 2 else '^2'}",
+                "Load it by force or overlap",
             )
         return pressure
 
@@ -265,7 +257,7 @@ def register_lattice(lattice: Lattice) -> Lattice:
     cell has a multiple of n sites. Raises :class:`InputError` for what is no :class:`Lattice`, and for a name that is taken.
     """
     if not isinstance(lattice, Lattice):
-        raise InputError(message(f"{brief(lattice)} is no lattice", mend="Give a granphon.Lattice"))
+        raise InputError(f"{brief(lattice)} is no lattice", mend="Give a granphon.Lattice")
     return LATTICES.add(lattice.name, lattice)
 
 
@@ -273,10 +265,10 @@ def find_lattice(lattice: str | Lattice) -> Lattice:
     """Find the lattice of a name; a :class:`Lattice` is returned itself. Raises :class:`InputError` for an unknown name."""
     if isinstance(lattice, Lattice):
         return lattice
-    if isinstance(lattice, str) and lattice in LATTICES:
+    if is_one_of(lattice, LATTICES):
         return LATTICES[lattice]
     mend = "Use " + ", ".join(LATTICES) + ", or a granphon.Lattice"
-    raise InputError(message(f"unknown lattice {brief(lattice)}", LATTICES.failures, mend))
+    raise InputError(f"unknown lattice {brief(lattice)}", LATTICES.failures, mend)
 
 
 def as_direction(direction: ArrayLike, dimension: int = 2) -> Array:
@@ -289,11 +281,9 @@ def as_direction(direction: ArrayLike, dimension: int = 2) -> Array:
     if vector.shape[-1:] != (dimension,) or not (np.all(np.isfinite(vector)) and np.all(largest > 0.0)):
         what, shown = _DIRECTIONS[dimension - 1]
         raise InputError(
-            message(
-                f"direction is {brief(direction)}",
-                f"A direction is {what}",
-                f"Give {shown}, or an array (n, {dimension}) of directions",
-            )
+            f"direction is {brief(direction)}",
+            f"A direction is {what}",
+            f"Give {shown}, or an array (n, {dimension}) of directions",
         )
     vector = vector / largest
     return np.asarray(vector / np.linalg.norm(vector, axis=-1, keepdims=True))
@@ -307,7 +297,5 @@ def one_direction(direction: ArrayLike, dimension: int = 2) -> Array:
     along = as_direction(direction, dimension)
     if along.ndim > 1:
         mend = f"Give {_DIRECTIONS[dimension - 1][1]}"
-        raise InputError(
-            message(f"direction is {brief(direction)}", "This quantity is found along one direction at a time", mend)
-        )
+        raise InputError(f"direction is {brief(direction)}", "This quantity is found along one direction at a time", mend)
     return along

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.contact_table import TOUCH, contact_frames
-from granphon.base.errors import InputError, Refused, brief, message
+from granphon.base.errors import InputError, Refused, brief
 from granphon.base.text import counted, show
-from granphon.base.validation import each, is_whole, whole
+from granphon.base.validation import each, is_one_of, is_whole, whole
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -119,8 +119,8 @@ def read_axis(value: Any) -> Any:
 def read_edges(edges: Any) -> tuple[str, str]:
     """Return how the lower and the upper edge are held, from one word for both or two."""
     words = (edges, edges) if isinstance(edges, str) else tuple(edges) if isinstance(edges, list | tuple) else (edges,)
-    if len(words) != 2 or not all(isinstance(word, str) and word in EDGES for word in words):
-        raise InputError(message(f"edges is {brief(edges)}", mend="Give 'free', 'clamped' or 'floor', or two of these"))
+    if len(words) != 2 or not all(is_one_of(word, EDGES) for word in words):
+        raise InputError(f"edges is {brief(edges)}", mend="Give 'free', 'clamped' or 'floor', or two of these")
     return words[0], words[1]
 
 
@@ -148,7 +148,7 @@ def _find_basis(axis: Any, cell: Array) -> Index:
     """Return (p, p) whole numbers that make vectors of a cell: those within a layer, and last that to the next one."""
     periods = len(cell)
     if not periods:
-        raise InputError(message("there is no period across which it could be cut", mend="Give what repeats"))
+        raise InputError("there is no period across which it could be cut", mend="Give what repeats")
     whole = isinstance(axis, int | np.integer) and not isinstance(axis, bool)
     basis = np.eye(periods, dtype=np.intp)
     if whole and 0 <= axis < periods:
@@ -159,7 +159,7 @@ def _find_basis(axis: Any, cell: Array) -> Index:
     if given.shape != (periods,) or given.dtype.kind not in "iu" or not np.any(given) or np.max(np.abs(given)) > _MOST_INDEX:
         what = f"axis is {brief(axis)}"
         indices = counted(periods, "Miller index", "Miller indices")
-        raise InputError(message(what, mend=f"Give the number of a vector of the cell, 0 to {periods - 1}, or {indices}"))
+        raise InputError(what, mend=f"Give the number of a vector of the cell, 0 to {periods - 1}, or {indices}")
     # rows whose index is zero lie in the plane: Euclid's algorithm leaves one that is not
     value = (given // np.gcd.reduce(given)).astype(np.intp)
     while np.count_nonzero(value) > 1:
@@ -192,9 +192,9 @@ def _drop_third(indices: Array, cell: Array) -> Array:
     size, what = float(a @ a), f"axis is {brief(indices.tolist())}"
     if np.max(np.abs([b @ b - size, a @ b + 0.5 * size, a @ c, b @ c])) > TOUCH * (size + float(c @ c)):
         why = "Four Miller indices belong to a hexagonal cell: two equal vectors at 120 degrees, and one across them"
-        raise InputError(message(what, why, "Give three, one for each vector of the cell"))
+        raise InputError(what, why, "Give three, one for each vector of the cell")
     if indices[0] + indices[1] + indices[2] != 0:
-        raise InputError(message(what, "The third of four Miller indices is minus the sum of the first two", "Mend it"))
+        raise InputError(what, "The third of four Miller indices is minus the sum of the first two", "Mend it")
     return indices[[0, 1, 3]]
 
 

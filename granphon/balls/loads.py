@@ -10,10 +10,10 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.base.errors import InputError, brief, message
+from granphon.base.errors import InputError, brief
 from granphon.base.quantities import LOAD_KINDS, LOADS, TENSORS, find_load_unit
 from granphon.base.results import read_only
-from granphon.base.validation import finite_array, real_list, require, whole
+from granphon.base.validation import finite_array, is_one_of, real_list, require, whole
 
 #: a rule (:mod:`granphon.base.validation`) for the length of a side of a hexagonal frame, in balls
 balls_on_side = partial(whole, low=1, high=1_000_000)
@@ -58,16 +58,16 @@ class Load:
     gravity: float | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.kind, str) or self.kind not in LOAD_KINDS:
-            raise InputError(message(f"unknown kind of load {brief(self.kind)}", mend="Use " + ", ".join(LOADS)))
+        if not is_one_of(self.kind, LOAD_KINDS):
+            raise InputError(f"unknown kind of load {brief(self.kind)}", mend="Use " + ", ".join(LOADS))
         object.__setattr__(self, "array", read_only(finite_array(self.kind, self.array)))
         # an overlap may be negative, and what gravity loads need not be pressed
         if self.kind != "overlap" and not (self.gravity is not None and np.all(self.array >= 0.0)):
             require_compressive(self.kind, self.array)
         if (self.kind in TENSORS) != (self.tensor is not None):
-            raise InputError(message("a stress or strain has a tensor, and no other load has one"))
+            raise InputError("a stress or strain has a tensor, and no other load has one")
         if (self.kind == "side_force") != (self.balls_per_side is not None):
-            raise InputError(message("balls_per_side belongs to a side_force, and a side_force needs it"))
+            raise InputError("balls_per_side belongs to a side_force, and a side_force needs it")
         if self.balls_per_side is not None:
             require("balls_per_side", balls_on_side, self.balls_per_side)
 
@@ -81,7 +81,7 @@ class Load:
         kinds = [kind for kind, values in given.items() if values is not None]
         if len(kinds) != 1:
             what = f"the loads are given as {' and '.join(kinds)}" if kinds else "there is no load"
-            raise InputError(message(what, mend="Give one of " + ", ".join(given)))
+            raise InputError(what, mend="Give one of " + ", ".join(given))
         return cls(kinds[0], np.array(real_list(kinds[0], given[kinds[0]])))
 
     def __eq__(self, other: object) -> bool:
@@ -143,10 +143,6 @@ def require_compressive(name: str, values: NDArray[np.float64]) -> None:
     """Raise :class:`InputError` if one of the values is negative or zero."""
     if np.any(values < 0.0):
         shown = brief(values.tolist())
-        raise InputError(
-            message(f"{name} is {shown}: tensile", "One-sided contacts carry no tension", "Give a load above zero")
-        )
+        raise InputError(f"{name} is {shown}: tensile", "One-sided contacts carry no tension", "Give a load above zero")
     if np.any(values == 0.0):
-        raise InputError(
-            message(f"{name} is zero", "Balls that only touch have no stiffness, and carry no sound", "Press them")
-        )
+        raise InputError(f"{name} is zero", "Balls that only touch have no stiffness, and carry no sound", "Press them")

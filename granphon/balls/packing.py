@@ -15,10 +15,10 @@ from granphon.balls.hertz import HertzLaw, contact_radius_ratio
 from granphon.balls.lattices import Lattice, find_lattice
 from granphon.balls.material import LEAST_YOUNG_MODULUS, Material
 from granphon.balls.motions import Motions, allowed_motions, select_motions
-from granphon.base.errors import InputError, brief, message
+from granphon.base.errors import InputError, brief
 from granphon.base.results import write_html
 from granphon.base.scales import WidthUnits
-from granphon.base.validation import not_negative, positive, require, truth
+from granphon.base.validation import is_one_of, not_negative, positive, require, truth
 
 #: the word for the torsional stiffness of a Hertz contact that does not slip
 MINDLIN = "mindlin"
@@ -67,7 +67,7 @@ class Packing:
 
     def __post_init__(self) -> None:
         if not isinstance(self.material, Material):
-            raise InputError(message(f"material is {self.material!r}", mend="Give a granphon.Material"))
+            raise InputError(f"material is {self.material!r}", mend="Give a granphon.Material")
         object.__setattr__(self, "diameter", positive("diameter", self.diameter, "m"))
         find_lattice(self.lattice)
         if self.spread is not None:
@@ -80,7 +80,7 @@ class Packing:
         if not all(_LEAST_SCALE <= scale <= 1.0 / _LEAST_SCALE for scale in scales):
             why = f"Their mass, density, forces or velocities are not between {_LEAST_SCALE:g} and {1 / _LEAST_SCALE:g}"
             made = f"{self.material.young_modulus:g} Pa and {self.material.density:g} kg/m^3"
-            raise InputError(message(f"balls of {self.diameter:g} m of {made} are beyond double precision", why))
+            raise InputError(f"balls of {self.diameter:g} m of {made} are beyond double precision", why)
         object.__setattr__(self, "friction", require("friction", truth, self.friction))
         torsion, bending = read_rolling(
             f"the {self.structure.name} lattice", self.structure.dimension, self.motions, self.torsion, self.bending
@@ -210,24 +210,22 @@ def read_rolling(called: str, dimension: int, motions: Any, torsion: Any, bendin
     is no number or too large, and for one that resists none of the motions.
     """
     allowed = allowed_motions(dimension)
-    if motions is not None and not (isinstance(motions, str) and motions in allowed):
+    if motions is not None and not is_one_of(motions, allowed):
         raise InputError(
-            message(
-                f"{called} has no motions {brief(motions)}",
-                f"It lies {('on a line', 'in a plane', 'in space')[dimension - 1]}",
-                "Use " + ", ".join(allowed),
-            )
+            f"{called} has no motions {brief(motions)}",
+            f"It lies {('on a line', 'in a plane', 'in space')[dimension - 1]}",
+            "Use " + ", ".join(allowed),
         )
     if isinstance(torsion, str):
         if torsion != MINDLIN:
-            raise InputError(message(f"torsion is {brief(torsion)}", mend=f"Give a number, or {MINDLIN}"))
+            raise InputError(f"torsion is {brief(torsion)}", mend=f"Give a number, or {MINDLIN}")
     else:
         torsion = not_negative("torsion", torsion)
     read = {"torsion": torsion, "bending": not_negative("bending", bending)}
     for name, value in read.items():
         if isinstance(value, float) and value > _MOST_ROLLING:
             why = "It is a stiffness over k d^2; that of a contact is far below 1"
-            raise InputError(message(f"{name} is {value:g}", why, f"Give a number up to {_MOST_ROLLING:g}"))
+            raise InputError(f"{name} is {value:g}", why, f"Give a number up to {_MOST_ROLLING:g}")
     resisted = {"torsion": "twist", "bending": "rotate"}  # what motions must do for contacts to resist it
     named = {name: what for name, what in resisted.items() if read[name]}
     moving = next(iter(allowed.values())) if motions is None else allowed[motions]
@@ -238,11 +236,9 @@ def read_rolling(called: str, dimension: int, motions: Any, torsion: Any, bendin
             why = "turn balls across the normals only: no contact twists"
         fit = [one for one, moves in allowed.items() if all(getattr(moves, what) for what in named.values())]
         raise InputError(
-            message(
-                f"{' and '.join(idle)} without {what}",
-                f"The motions {moving.name!r} of {called} {why}",
-                f"Use motions {', '.join(fit)}, or leave {'it' if len(idle) == 1 else 'both'} out",
-            )
+            f"{' and '.join(idle)} without {what}",
+            f"The motions {moving.name!r} of {called} {why}",
+            f"Use motions {', '.join(fit)}, or leave {'it' if len(idle) == 1 else 'both'} out",
         )
     return read["torsion"], read["bending"]
 
@@ -255,7 +251,7 @@ def given_packing(packing: Any) -> Packing:
         mend = "Give a granphon.Packing" + (", or press this itself: .at_force(...)" if pressed else "")
         if hasattr(packing, "deviations") and hasattr(packing, "sample"):  # of a crystal
             mend += "; balls that differ are drawn by crystal.sample(shape, seed)"
-        raise InputError(message(f"packing is {packing!r}", why, mend))
+        raise InputError(f"packing is {packing!r}", why, mend)
     return packing
 
 
@@ -270,4 +266,4 @@ def require_shallow(modulus: float, overlap: float, load: str) -> None:
         if modulus < LEAST_YOUNG_MODULUS:
             why += f". The Young modulus is {modulus:g} Pa, probably a wrong unit, such as GPa given for Pa"
             mend = "Give the Young modulus in Pa (70 GPa are 70e9), or lower the load"
-        raise InputError(message(what, why, mend))
+        raise InputError(what, why, mend)

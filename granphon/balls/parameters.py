@@ -15,9 +15,9 @@ import numpy as np
 from granphon.balls.diameters import Discrete, Measured, Normal, Spread, Uniform
 from granphon.balls.lattices import LATTICES, Lattice, find_lattice
 from granphon.balls.packing import Packing
-from granphon.base.errors import InputError, brief, message
+from granphon.base.errors import InputError, brief
 from granphon.base.text import closest, counted
-from granphon.base.validation import real_list
+from granphon.base.validation import is_one_of, real_list
 
 #: a packing, or what has kinds of balls that can be changed
 BallsT = TypeVar("BallsT")
@@ -55,43 +55,37 @@ class Axis:
         if own not in (KIND_PARAMETERS if kind else PARAMETERS):
             guess = closest(name, PARAMETERS)
             raise InputError(
-                message(
-                    f"a packing has no parameter {name!r}",
-                    "It has " + ", ".join(PARAMETERS),
-                    f"Did you mean {guess}?" if guess else "Use one of these",
-                )
+                f"a packing has no parameter {name!r}",
+                "It has " + ", ".join(PARAMETERS),
+                f"Did you mean {guess}?" if guess else "Use one of these",
             )
         listed = given if isinstance(given, list | tuple) else (given,)
         if find_unit(name) is None or (name == "torsion" and any(isinstance(one, str) for one in listed)):
             plain = given.tolist() if isinstance(given, np.ndarray | np.generic) else given
             axis = cls(name, tuple(plain) if isinstance(plain, Iterable) and not isinstance(plain, str) else (plain,))
             if not axis.values:
-                raise InputError(message(f"{name} is an empty list", mend="Give at least one value"))
+                raise InputError(f"{name} is an empty list", mend="Give at least one value")
         else:
             axis = cls(name, real_list(name, given))
         if (double := find_double(axis.values)) is not None:
             what = f"the sweep has {axis.describe(brief(axis.values[double]))} twice"
-            raise InputError(message(what, "Both would be the same states", "Give each value once"))
+            raise InputError(what, "Both would be the same states", "Give each value once")
         if name == "lattice":
             # unknown names of lattices are refused later
-            given = [one for one in axis.values if isinstance(one, Lattice) or (isinstance(one, str) and one in LATTICES)]
+            given = [one for one in axis.values if isinstance(one, Lattice) or is_one_of(one, LATTICES)]
             first = {one.periods: one.name for one in map(find_lattice, reversed(given))}
             if len(first) > 1:
                 found = " and ".join(f"{name}, {_EXTENTS[periods]}," for periods, name in sorted(first.items()))
                 raise InputError(
-                    message(
-                        f"lattices of different dimension in one sweep: {found.removesuffix(',')}",
-                        "Their pressures, moduli and directions have different units and sizes",
-                        "Make a sweep of each dimension",
-                    )
+                    f"lattices of different dimension in one sweep: {found.removesuffix(',')}",
+                    "Their pressures, moduli and directions have different units and sizes",
+                    "Make a sweep of each dimension",
                 )
             if (double := find_double(axis.labels)) is not None:
                 raise InputError(
-                    message(
-                        f"two lattices of the sweep have the name {axis.labels[double]!r}",
-                        "Their states could not be told apart",
-                        "Give each a name of its own",
-                    )
+                    f"two lattices of the sweep have the name {axis.labels[double]!r}",
+                    "Their states could not be told apart",
+                    "Give each a name of its own",
                 )
         return axis
 
@@ -150,7 +144,7 @@ def change_width(spread: Spread | None, width: float) -> Uniform | Normal | Disc
         return Normal(uniform.width / Normal(1.0, spread.cutoff).width, spread.cutoff)
     if isinstance(spread, Discrete | Measured):
         if not spread.width:
-            raise InputError(message("diameters that are all the same cannot be spread", mend="Give another spread"))
+            raise InputError("diameters that are all the same cannot be spread", mend="Give another spread")
         mean, scale = spread.mean, uniform.width / spread.width
         scaled = replace(spread, diameters=tuple(mean + (diameter - mean) * scale for diameter in spread.diameters))
         if uniform.width:
@@ -160,7 +154,7 @@ def change_width(spread: Spread | None, width: float) -> Uniform | Normal | Disc
     if spread is None or isinstance(spread, Uniform):
         return uniform
     what = f"a {type(spread).__name__} cannot be given another width"
-    raise InputError(message(what, "The parameters of this class are not known", "Give the spreads themselves"))
+    raise InputError(what, "The parameters of this class are not known", "Give the spreads themselves")
 
 
 def change_packing(packing: BallsT, values: Mapping[str, Any]) -> BallsT:
@@ -173,7 +167,7 @@ def change_packing(packing: BallsT, values: Mapping[str, Any]) -> BallsT:
         return packing.change(values)  # type: ignore[attr-defined, no-any-return]
     rest = dict(values)
     if unknown := [name for name in rest if name not in PARAMETERS]:
-        raise InputError(message(f"a packing has no parameter {unknown[0]!r}", "It has " + ", ".join(PARAMETERS), "Use one"))
+        raise InputError(f"a packing has no parameter {unknown[0]!r}", "It has " + ", ".join(PARAMETERS), "Use one")
     material = {name: rest.pop(name) for name in _MATERIAL if name in rest}
     if "width" in rest:
         rest["spread"] = change_width(rest.get("spread", packing.spread), rest.pop("width"))
@@ -186,7 +180,7 @@ def count_combinations(axes: Sequence[Axis]) -> int:
     if count > MOST_COMBINATIONS:
         sides = " x ".join(f"{counted(len(axis.values), 'value')} of {axis.name}" for axis in axes)
         what = f"{sides} make {count} packings"
-        raise InputError(message(what, f"A sweep has no more than {MOST_COMBINATIONS}", "Give fewer values"))
+        raise InputError(what, f"A sweep has no more than {MOST_COMBINATIONS}", "Give fewer values")
     return count
 
 

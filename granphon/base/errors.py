@@ -24,11 +24,16 @@ class GranphonError(Exception):
     load. It is kept when the error comes back from a worker process. ``option`` is the name of the option of a medium that
     the error is about, as the start of a loading; None if it is about none. ``reached`` is what was found at the loads
     of a path before the error, a state or the data set of a sweep; None if there is none.
+
+    It is made of sentences: what is wrong and where, why it matters, how to mend it; its text is their :func:`message`.
     """
 
     load_index: int | None = None
     option: str | None = None
     reached: Any = None
+
+    def __init__(self, what: str = "", why: str = "", mend: str = "") -> None:
+        self.args = (message(what, why, mend),)  # not by OSError, which takes several arguments for a number and a file
 
     def restate(self, text: str) -> Self:
         """Return an error of the same kind with another text, and with all else that this one knows."""
@@ -74,9 +79,9 @@ class SchemaError(InputError):
 class MissingFileError(InputError, FileNotFoundError):
     """A file that should be read does not exist."""
 
-    def __new__(cls, *args: object) -> Self:
+    def __new__(cls, *sentences: str, **named: str) -> Self:
         """Make the error; without this, dask, which does not call the class, would take the method of ``ValueError``."""
-        return FileNotFoundError.__new__(cls, *args)
+        return FileNotFoundError.__new__(cls)
 
 
 class MissingSceneError(SceneError, MissingFileError):

@@ -13,7 +13,7 @@ import threading
 from collections.abc import Iterator, Mapping
 from typing import Any, TypeVar
 
-from granphon.base.errors import InputError, message, one_line
+from granphon.base.errors import InputError, one_line
 from granphon.base.validation import label, require
 
 T = TypeVar("T")
@@ -47,7 +47,7 @@ class Registry(Mapping[str, T]):
         source = _plugins.loading or _PROGRAM
         if (holder := self._sources.get(name, source)) != source:
             what = f"there is a {self.what} {name!r} already, of {holder}"
-            raise InputError(message(what, mend="Give another name"))
+            raise InputError(what, mend="Give another name")
         self._entries[name], self._sources[name] = entry, source
         return entry
 

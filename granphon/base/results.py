@@ -7,11 +7,11 @@ from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass
 from html import escape
 from types import NoneType, UnionType
-from typing import Any, ClassVar, Self, Union, get_args, get_origin, get_type_hints
+from typing import Any, ClassVar, Self, Union, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from granphon.base.errors import GranphonError, InputError, brief, message
+from granphon.base.errors import GranphonError, InputError, brief
 from granphon.base.text import damage_error, digest, require_schema, show
 
 #: most letters of a value, and most entries of an array or a tuple that are all written out
@@ -195,9 +195,9 @@ class Result:
         or incomplete, if a field has another kind or shape than in the class, if there is a field that the class lacks, or
         if the ``digest`` is not that of the data. Without a digest, damage that passes the other checks is not noticed.
         """
-        given = dict(data) if isinstance(data, Mapping) else {}
+        given: dict[str, Any] = dict(data) if isinstance(cast("object", data), Mapping) else {}
         if _read_class_name(given) != cls.__name__:
-            raise InputError(message(f"these data describe a {show(given.get('class'))}, not a {cls.__name__!r}"))
+            raise InputError(f"these data describe a {show(given.get('class'))}, not a {cls.__name__!r}")
         require_schema(f"a {cls.__name__} in plain data", given.get("schema", cls._schema), cls._schema)
         try:
             restored: Self = restore({name: v for name, v in given.items() if name not in _ABOUT}, cls)
@@ -206,10 +206,10 @@ class Result:
                 raise damage_error(f"a {cls.__name__} in plain data", "under 'digest'")
             units = plain(given.get("units", restored._field_units()))  # an array as a unit becomes a list, which is refused
         except RecursionError:
-            raise InputError(message(f"the {cls.__name__} data are nested too deeply, or contain themselves")) from None
+            raise InputError(f"the {cls.__name__} data are nested too deeply, or contain themselves") from None
         if units != restored._field_units():
             mend = "Use the units that to_dict gives: other units are not converted"
-            raise InputError(message(f"the units of the {cls.__name__} data are not those of the class", mend=mend))
+            raise InputError(f"the units of the {cls.__name__} data are not those of the class", mend=mend)
         return restored
 
     def _field_units(self) -> dict[str, str]:
@@ -228,12 +228,12 @@ class Result:
                 continue
             found = (len(value),) if isinstance(value, tuple) else np.shape(value)
             if not isinstance(value, tuple) and np.asarray(value).dtype.kind not in "iufc":
-                raise InputError(message(f"{name} of the {type(self).__name__} does not hold numbers"))
+                raise InputError(f"{name} of the {type(self).__name__} does not hold numbers")
             if not any(_fits(one.split(), found, sizes) for one in layout.rstrip("?").split("|")):
                 so_far = ", ".join(f"{letter} = {size}" for letter, size in sizes.items())
                 wanted = layout.replace("|", ") or (")
                 what = f"{name} of the {type(self).__name__} has the shape {found} instead of ({wanted})"
-                raise InputError(message(what, so_far and f"The other fields have {so_far}"))
+                raise InputError(what, so_far and f"The other fields have {so_far}")
 
     def _require_finite(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if an array among ``_shapes`` holds an infinity or a nan."""
@@ -241,7 +241,7 @@ class Result:
             value = getattr(self, name)
             if isinstance(value, np.ndarray) and not np.all(np.isfinite(value)):
                 what = f"{name} of the {type(self).__name__} holds values that are not finite (nan or infinite)"
-                raise InputError(message(what))
+                raise InputError(what)
 
 
 def _fits(layout: list[str], shape: tuple[int, ...], sizes: dict[str, Any]) -> bool:
@@ -317,9 +317,9 @@ def restore(value: Any, hint: Any, name: str = "the data") -> Any:
                 return build.from_dict(value)  # a field written by its own to_dict
             known, hints, what = [f.name for f in fields(build)], get_type_hints(build), f"the {wanted} data"
             if missing := [name for name in known if name not in value]:
-                raise InputError(message(f"{what} lack {', '.join(missing)}"))
+                raise InputError(f"{what} lack {', '.join(missing)}")
             if unknown := [show(name) for name in value if name not in (*known, "class")]:
-                raise InputError(message(f"{what} have {', '.join(unknown)}, which the class does not have"))
+                raise InputError(f"{what} have {', '.join(unknown)}, which the class does not have")
             given = {name: restore(value[name], hints[name], f"{wanted}.{name}") for name in known}
             try:
                 made = build._of_fields(*given.values()) if issubclass(build, Result) else build(**given)
@@ -329,7 +329,7 @@ def restore(value: Any, hint: Any, name: str = "the data") -> Any:
                 raise
             except (GranphonError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
                 why = str(error) if isinstance(error, GranphonError) else f"{type(error).__name__}: {error}"
-                raise InputError(message(f"no {wanted} can be made from {what}", why)) from None
+                raise InputError(f"no {wanted} can be made from {what}", why) from None
             return made
     elif hint is Any or hint in _SCALARS:
         # a whole number is a float too, and a truth value is no number
@@ -339,7 +339,7 @@ def restore(value: Any, hint: Any, name: str = "the data") -> Any:
     kind = f"a {type(value).__name__}" + ("" if isinstance(value, list | tuple) else f", {show(value)},")
     if isinstance(value, Mapping):
         kind = f"data of a {show(value.get('class'))}" if "class" in value else "a mapping"
-    raise InputError(message(f"{name}: found {kind} where {wanted} is needed"))
+    raise InputError(f"{name}: found {kind} where {wanted} is needed")
 
 
 def _read_class_name(data: Mapping[str, Any]) -> str:

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError
 from granphon.base.text import require_schema, write_float
 
 #: version number of the block at the head of files for phonopy
@@ -94,7 +94,7 @@ class HertzPrefix:
         """The unit called ``name``, such as "kHz"; raises :class:`InputError` if there is no such unit."""
         known = {prefix + "Hz": size for size, prefix in zip(_SIZES, _PREFIXES, strict=True)}
         if name not in known:
-            raise InputError(message(f"{name!r} is no decimal unit of hertz", mend="Use one of " + ", ".join(known)))
+            raise InputError(f"{name!r} is no decimal unit of hertz", mend="Use one of " + ", ".join(known))
         return cls(name, known[name])
 
 
@@ -172,7 +172,7 @@ class Units:
                 f"the scales {', '.join(missing)} are missing",
                 "Objects in reduced units carry their scales with them",
             )
-            raise InputError(message(what, why, "Make the object with granphon, or add the missing entries"))
+            raise InputError(what, why, "Make the object with granphon, or add the missing entries")
         return cls(**{name: info[key] for name, key in _INFO.items()})
 
 
@@ -222,7 +222,7 @@ class WidthUnits:
         except OverflowError:
             what = f"a width of {self.width:g} m is beyond double precision"
             why = f"c W^({n}/2) is above the largest number, at c = {self.coefficient:g} N/m^(3/2)"
-            raise InputError(message(what, why, "Give a smaller width")) from None
+            raise InputError(what, why, "Give a smaller width") from None
 
     def reduced_force(self, force: Any) -> Any:
         """Reduced force f* of Section IV; ``force`` in N, a number or an array."""

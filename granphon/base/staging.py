@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Self
 from uuid import uuid4
 
-from granphon.base.errors import FileExistsInRunError, GranphonError, OutputError, message
+from granphon.base.errors import FileExistsInRunError, GranphonError, OutputError
 from granphon.base.text import read_bytes
 
 #: the list of the files that granphon wrote into a folder; a list of another version counts as empty
@@ -201,44 +201,44 @@ class ResultFiles:
     def _check(self) -> None:
         target = self._target
         if any("\0" in part for part in (str(target), *self.names)):
-            raise OutputError(message(f"{str(target)!r} cannot be written: a null character is part of the name"))
+            raise OutputError(f"{str(target)!r} cannot be written: a null character is part of the name")
         with _explaining(target):
             nearest = target
             while not os.path.lexists(nearest) and nearest != nearest.parent:
                 nearest = nearest.parent
             if not nearest.is_dir():
-                raise OutputError(message(f"{nearest} is not a folder", f"{target} cannot be made", "Choose another folder"))
+                raise OutputError(f"{nearest} is not a folder", f"{target} cannot be made", "Choose another folder")
             written = read_written_files(target)
             there = [name for name in self.names if os.path.lexists(target / name)]
             if folders := [name for name in there if (target / name).is_dir()]:
-                raise OutputError(message(f"{target / folders[0]} is a folder", "A file of that name is to be written"))
+                raise OutputError(f"{target / folders[0]} is a folder", "A file of that name is to be written")
             known = [hashlib.sha256(text.encode("utf-8")).hexdigest() for text in self.known]
             kept = "Such a file is never replaced, not even with --force"
             for name in there:
                 if self._is_read(name):
                     what = f"{target / name} is read by this run, and would be overwritten"
-                    raise FileExistsInRunError(message(what, kept, "Choose another folder"))
+                    raise FileExistsInRunError(what, kept, "Choose another folder")
                 if not _is_written(target / name, *known, *([written[name]] if name in written else [])):
                     no_record = "there is no record that granphon wrote it"
                     what = "granphon wrote it, and it has been changed since" if name in written else no_record
                     what = f"{_name(target)} already holds {name}: {what}"
-                    raise FileExistsInRunError(message(what, kept, "Move it away, or choose another folder"))
+                    raise FileExistsInRunError(what, kept, "Move it away, or choose another folder")
             if there and not self.force:
                 lost = [name for name in self.names if name in written and name not in there]
                 missing = f", but not {', '.join(lost)}, which granphon wrote there too" if lost else ""
                 what = f"{_name(target)} already holds {', '.join(there)}{missing}"
                 mend = "Use --force (force=True) to replace it, or choose another folder"
-                raise FileExistsInRunError(message(what, "An existing result is not overwritten unless asked for", mend))
+                raise FileExistsInRunError(what, "An existing result is not overwritten unless asked for", mend)
             for name in self._stale:
                 read = self._is_read(name)
                 if read or not _is_written(target / name, written[name]):
                     what = f"{_name(target)} holds {name} of an earlier run, and "
                     what += "this run reads it" if read else "it has been changed since"
                     why = "It would stand beside a result that it does not belong to, and granphon does not remove it"
-                    raise FileExistsInRunError(message(what, why, "Move it away, or choose another folder"))
+                    raise FileExistsInRunError(what, why, "Move it away, or choose another folder")
             if not os.access(nearest, os.W_OK | os.X_OK):
                 what = f"there is no permission to write to {_name(nearest)}"
-                raise OutputError(message(what, mend="Choose another folder"))
+                raise OutputError(what, mend="Choose another folder")
 
     @property
     def _stale(self) -> list[str]:
@@ -295,7 +295,7 @@ def _explaining(target: Path) -> Iterator[None]:
         if os.path.isdir(target / NEW):
             why = f"The files of the new result are in {NEW} there"
             mend = "Any command that uses the folder moves them to their places"
-        raise OutputError(message(what, why, mend)) from None
+        raise OutputError(what, why, mend) from None
 
 
 # -- the lock --------------------------------------------------------------------------------------------------------
@@ -326,7 +326,7 @@ def _lock_file(path: Path) -> int | None:
         if not stat.S_ISREG(about.st_mode) or about.st_size:
             os.close(descriptor)
             what = f"{path} is not a lock that granphon made"
-            raise OutputError(message(what, "A lock of granphon is an empty file", "Move it away, or choose another folder"))
+            raise OutputError(what, "A lock of granphon is an empty file", "Move it away, or choose another folder")
         try:
             _lock(descriptor)
         except OSError as error:
@@ -334,7 +334,7 @@ def _lock_file(path: Path) -> int | None:
             if error.errno in _NO_LOCKS:
                 return None
             what, why = f"another run is writing into {_name(path.parent)}", "Two runs would mix their files"
-            raise OutputError(message(what, why, "Wait until it ends, or choose another folder")) from None
+            raise OutputError(what, why, "Wait until it ends, or choose another folder") from None
         with suppress(OSError):
             # another run may have removed the file between opening and locking it here; then try again
             if os.path.samestat(os.fstat(descriptor), os.stat(path)):
@@ -355,7 +355,7 @@ def write_bytes(path: StrPath, *parts: bytes | memoryview) -> None:
     with _explaining(target):
         try:
             if target.is_dir():
-                raise OutputError(message(f"{target} is a folder", "A file of that name is to be written"))
+                raise OutputError(f"{target} is a folder", "A file of that name is to be written")
             target.parent.mkdir(parents=True, exist_ok=True)
             with open(place, "xb") as stream:
                 stream.writelines(parts)

@@ -22,7 +22,7 @@ from typing import Any, Self, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.errors import InputError, brief, message
+from granphon.base.errors import InputError, brief
 from granphon.base.quantities import NUMBER, Quantity
 from granphon.base.text import closest, counted, decode, read_bytes
 
@@ -88,7 +88,7 @@ class Table:
         """The table in the bytes ``raw`` of a file called ``name``; errors and ``quoted`` as for :meth:`read`."""
         kept = [(n, line) for n, line in enumerate(decode(name, raw).splitlines(), 1) if line.strip()[:1] not in ("", "#")]
         if not kept:
-            raise InputError(message(f"{name} is empty", mend="Give each column a heading, with numbers below it"))
+            raise InputError(f"{name} is empty", mend="Give each column a heading, with numbers below it")
         (first, head), below = kept[0], kept[1:]
         mark = next((mark for mark in "\t;" if mark in head), ",")
         titles = _split_cells(f"{name}:{first}", head, mark)
@@ -98,7 +98,7 @@ class Table:
             what = (
                 f"{name}:{first}: found {f'the number {numbers[0]}' if quoted else 'a number'} where the columns are headed"
             )
-            raise InputError(message(what, mend="Give each column a heading, such as 'force (N), velocity (m/s)'"))
+            raise InputError(what, mend="Give each column a heading, such as 'force (N), velocity (m/s)'")
         columns: tuple[tuple[str, ...], ...]
         count = len(titles)
         if count == 1 and not any(mark in text or '"' in text or len(text) >= _LONGEST_CELL for _, text in below):
@@ -110,7 +110,7 @@ class Table:
                 # a short line is filled with empty cells; of a long one, only empty cells are dropped
                 if any(cells[count:]):
                     what = f"{name}:{n}: found {counted(len(cells), 'cell')} below {counted(count, 'heading')}"
-                    raise InputError(message(what, mend=f"{_POINT}, and separate all columns by the same character"))
+                    raise InputError(what, mend=f"{_POINT}, and separate all columns by the same character")
                 rows.append(cells[:count] + ("",) * (count - len(cells)))
             columns = tuple(zip(*rows, strict=True)) or ((),) * count
         return cls(name, headings, tuple(n for n, _ in below), columns, quoted)
@@ -134,19 +134,19 @@ class Table:
             one = f"one column, which must be headed '{wanted.name} ({kind.unit})'"
             several = f"{len(names)} columns, of which one must be headed '{wanted.name} ({kind.unit})'"
             why = f"Its columns are {', '.join(map(repr, names))}" if self.quoted else ""
-            raise InputError(message(what, why or f"It has {one if len(names) == 1 else several}", mend))
+            raise InputError(what, why or f"It has {one if len(names) == 1 else several}", mend)
         if not self.lines:
-            raise InputError(message(f"{self.name} has no rows below its headings"))
+            raise InputError(f"{self.name} has no rows below its headings")
         place = places[0]
         unit, heading = wanted.unit or self.headings[place].unit, self.headings[place].name
         if not unit:
             head = f"Write the heading '{heading} ({kind.unit})', or with the unit that is meant"
-            raise InputError(message(f"{self.name}: the column {heading!r} has no unit", mend=head))
+            raise InputError(f"{self.name}: the column {heading!r} has no unit", mend=head)
         quoted = self.quoted or kind.measures(self.headings[place].unit)
         if not quoted and not kind.measures(unit):
             what = f"{self.name}: the column {wanted.name!r} has a unit that is not a unit of {kind.name}"
             mend = f"Write the heading '{wanted.name} ({kind.unit})', or with another unit of this kind"
-            raise InputError(message(what, mend=mend))
+            raise InputError(what, mend=mend)
         cells = self.columns[place]
         values = kind.read_many(cells, unit)
         if values is None:  # read one by one, so that the error names the first bad cell
@@ -156,7 +156,7 @@ class Table:
                 if not re.fullmatch(NUMBER, cell):
                     found = (f"found {cell[:40]!r}" if quoted else "found a text") if cell else "found nothing"
                     mend = _POINT if re.fullmatch(NUMBER, cell.replace(",", ".", 1)) else ""
-                    raise InputError(message(f"{where}: {found}, where a number is needed", mend=mend))
+                    raise InputError(f"{where}: {found}, where a number is needed", mend=mend)
                 try:
                     each.append(kind.read(f"{cell} {unit}"))
                 except ValueError as refused:
@@ -221,4 +221,4 @@ def _split_cells(where: str, line: str, mark: str) -> tuple[str, ...]:
     try:
         return tuple(cell.strip() for cell in next(csv.reader([line], delimiter=mark, skipinitialspace=True)))
     except csv.Error as error:
-        raise InputError(message(f"{where} cannot be split into columns", str(error))) from None
+        raise InputError(f"{where} cannot be split into columns", str(error)) from None

@@ -86,22 +86,22 @@ def read_bytes(path: str | os.PathLike[str], limit: int = MOST_FILE_BYTES) -> by
             about = os.fstat(stream.fileno())
             if not stat.S_ISREG(about.st_mode):
                 what = f"{path} cannot be read: it is a device or a pipe"
-                raise InputError(message(what, mend="Give a regular file"))
+                raise InputError(what, mend="Give a regular file")
             # ask for little more than the file holds, as Python allocates the requested size at once
             raw = stream.read(about.st_size + 1) if about.st_size <= limit else b""
     except InputError:
         raise
     except FileNotFoundError:
-        raise MissingFileError(message(f"{path} cannot be read: there is no such file")) from None
+        raise MissingFileError(f"{path} cannot be read: there is no such file") from None
     except IsADirectoryError:
-        raise InputError(message(f"{path} cannot be read: it is a folder", mend="Give the file itself")) from None
+        raise InputError(f"{path} cannot be read: it is a folder", mend="Give the file itself") from None
     except (OSError, ValueError) as error:  # ValueError: a null character in the name
-        raise InputError(message(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}")) from None
+        raise InputError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from None
     if max(len(raw), about.st_size) > limit:
         size = f"{limit // 1_000_000} MB" if limit >= 1_000_000 else f"{limit // 1000} kB"
-        raise InputError(message(f"{path} holds more than {size}", mend="Is this the right file?"))
+        raise InputError(f"{path} holds more than {size}", mend="Is this the right file?")
     if len(raw) > about.st_size:
-        raise InputError(message(f"{path} has grown while it was read", "Somebody is writing it", "Read it again"))
+        raise InputError(f"{path} has grown while it was read", "Somebody is writing it", "Read it again")
     return raw
 
 
@@ -111,7 +111,7 @@ def require_path(path: str | os.PathLike[str]) -> None:
     A number is refused because ``open`` would take it for the descriptor of an open file.
     """
     if not isinstance(path, str | os.PathLike):
-        raise InputError(message(f"the path is {brief(path)}", mend="Give the name of a file, as a text or a pathlib.Path"))
+        raise InputError(f"the path is {brief(path)}", mend="Give the name of a file, as a text or a pathlib.Path")
 
 
 def read_utf8(path: str | os.PathLike[str]) -> str:
@@ -138,9 +138,9 @@ def decode(name: str, raw: bytes) -> str:
     line = raw.count(b"\n", 0, at) + 1
     what = f"{name}:{line} cannot be read: found the byte 0x{raw[at]:02x} where text in UTF-8 is needed"
     if not guess:
-        raise InputError(message(what, "The file does not look like text", "Is this the right file?"))
+        raise InputError(what, "The file does not look like text", "Is this the right file?")
     mend = f"Save it as UTF-8 where it was made, or convert it: iconv -f {guess} -t UTF-8 FILE > NEW"
-    raise InputError(message(what, f"The file looks like {guess}", mend))
+    raise InputError(what, f"The file looks like {guess}", mend)
 
 
 # -- plain YAML -------------------------------------------------------------------------------------------------------
@@ -179,7 +179,7 @@ def read_text(path: str | os.PathLike[str]) -> str:
     try:
         return decode(str(path), read_bytes(path, MOST_SCENE_BYTES))
     except MissingFileError:
-        raise MissingSceneError(message(f"{path}: there is no such file", mend="'granphon init' writes one")) from None
+        raise MissingSceneError(f"{path}: there is no such file", mend="'granphon init' writes one") from None
     except InputError as error:
         raise SceneError(str(error)) from None
 
@@ -267,7 +267,7 @@ class _Builder:
         line = self.at or (self.event.start_mark.line + 1 if self.event is not None else 1)
         key = ".".join(map(str, self.path))
         where = f"{self.name}:{line}: " + (f"{key}: " if key.isprintable() and key else "")
-        return InputError(message(f"{where}{found}; allowed: {allowed}", mend=mend))
+        return InputError(f"{where}{found}; allowed: {allowed}", mend=mend)
 
     def _build_value(self, event: Any) -> Any:
         scalar, sequence, sequence_end, mapping_end = self.kinds
@@ -393,7 +393,7 @@ def require_schema(what: object, found: Any, known: int) -> None:
     if isinstance(found, bool) or not isinstance(found, Integral) or found != known:
         why = f"granphon {versions()['granphon']} reads and writes schema {known}"
         mend = "Read it with the version that wrote it, or make it again"
-        raise SchemaError(message(f"{what} has the schema {show(found)}", why, mend))
+        raise SchemaError(f"{what} has the schema {show(found)}", why, mend)
 
 
 # -- values in messages -----------------------------------------------------------------------------------------------
@@ -467,7 +467,7 @@ def _digest_lines(lines: list[str]) -> str:
 def damage_error(path: str | os.PathLike[str], where: str) -> InputError:
     """The error for a damaged file: the digest that is found at ``where`` is not that of the data."""
     what, why = f"{path} was damaged, or edited after granphon wrote it", f"Its digest ({where}) does not match its data"
-    return InputError(message(what, why, "Make it again, or remove the digest to read it as it is"))
+    return InputError(what, why, "Make it again, or remove the digest to read it as it is")
 
 
 def warn_unverified(path: str | os.PathLike[str]) -> None:
@@ -496,7 +496,7 @@ def require_own_file(path: str | os.PathLike[str], kind: str) -> Iterator[None]:
         elif isinstance(error, KeyError):
             why = f"It lacks the key {show(error.args[0])}"
         what = f"{path} is not a {kind} written by granphon"
-        raise InputError(message(what, why, "Make it again, or give the right file")) from None
+        raise InputError(what, why, "Make it again, or give the right file") from None
 
 
 def digest(data: Any) -> str:
@@ -525,4 +525,4 @@ def canonical(data: Any) -> str:
         return float(data).hex() if abs(data) < TOO_LARGE and float(data) == data else str(data)
     if isinstance(data, float):
         return data.hex()
-    raise InputError(message(f"plain data cannot hold a {type(data).__name__}"))
+    raise InputError(f"plain data cannot hold a {type(data).__name__}")

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Container, Iterable, Mapping, Sequence
 from decimal import Decimal
 from numbers import Real
 from typing import Any, Concatenate, ParamSpec, TypeVar
@@ -82,10 +82,15 @@ def each(value: Any, rule: Rule, what: str) -> tuple[Any, ...]:
     return tuple(read_inside(n, rule, one) for n, one in enumerate(value))
 
 
+def is_one_of(value: object, options: Container[str]) -> bool:
+    """Whether a value is text, and one of ``options``: what cannot be hashed or compared is not."""
+    return isinstance(value, str) and value in options
+
+
 def choice(value: Any, options: Collection[str]) -> str:
     """Read a word that must be one of the ``options``; those of a registry say which plug-ins have failed."""
-    if isinstance(value, str) and value in options:
-        return value
+    if is_one_of(value, options):
+        return str(value)
     meant = closest(value, options) if isinstance(value, str) else None
     tips = getattr(options, "failures", ""), f"Did you mean {meant!r}?" if meant else ""
     raise Refused(show(value), ", ".join(options), ". ".join(filter(None, tips)))

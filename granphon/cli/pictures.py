@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError
 from granphon.cli.app import PICTURES, Force, SceneFile, command
 from granphon.cli.terminal import write_of_scene
 
@@ -136,7 +136,7 @@ def _write_picture(
             options["cells"] = require("--cells", limited, cells)
         count = lattice.n_balls * read.packing.ball_motions.count
         if branch >= count:  # told here too, before a state is solved
-            raise InputError(message(f"there is no branch {branch}", mend=f"Count from 0 to {count - 1}"))
+            raise InputError(f"there is no branch {branch}", mend=f"Count from 0 to {count - 1}")
         from granphon.phonons.phonons import Phonons  # after what can be refused, as it loads phonopy
 
         with read.origin.where_it_buckles():
@@ -205,7 +205,7 @@ def export_scene(
       granphon export scene.yaml -o modes.json
     """
     if format not in _FORMATS:
-        raise InputError(message(f"--format is {format}", mend=f"Use {' or '.join(_FORMATS)}"))
+        raise InputError(f"--format is {format}", mend=f"Use {' or '.join(_FORMATS)}")
 
     with write_of_scene(scene, out, (".json",), force, "Modes are those of one state") as (read, place):
         from granphon.page.phononwebsite import write_phononwebsite

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
-from granphon.base.errors import InputError, Refused, message
+from granphon.base.errors import InputError, Refused
 from granphon.base.text import show
 from granphon.cli.app import COMPARISONS, Force, SceneFile, Scheduler, Workers, command
 from granphon.cli.terminal import GO_ON, NOTHING_WRITTEN, require_name, say, say_table, tell_interruption, warn
@@ -61,8 +61,9 @@ def fit_measurements(
 
     Each column of the table has a name and a unit. The load is 'force (N)', 'pressure (N/m)' (in space 'pressure (kPa)') or
     'side_force (N)' (the scene then gives balls_per_side). The velocity is 'velocity (m/s)', or 'time (ms)' and
-    'distance (m)'. If known, there are also 'sigma (m/s)' or 'sigma (%)', 'time_sigma (us)', and 'frequency (kHz)'.
-    Velocities with a frequency are those of pulses. The folder gets fit.yaml, fit.csv and fit.png.
+    'distance (m)', or 'cutoff (kHz)', the highest frequency of the branch. If known, there are also 'sigma (m/s)' or
+    'sigma (%)', 'time_sigma (us)' or 'cutoff_sigma (Hz)', and 'frequency (kHz)'. Velocities with a frequency are those of
+    pulses. The folder gets fit.yaml, fit.csv and fit.png.
 
     \b
     Examples:
@@ -77,7 +78,7 @@ def fit_measurements(
     from granphon.base.quantities import FREQUENCY, LENGTH
     from granphon.base.staging import ResultFiles
     from granphon.base.validation import require
-    from granphon.fits.fit import FIT_FILES, convert_pressure, fit_width
+    from granphon.fits.fit import FIT_FILES, convert_cutoff, convert_pressure, fit_width
     from granphon.fits.measurements import Measurements, read_sigma
     from granphon.scene.scene import Scene
 
@@ -93,18 +94,16 @@ def fit_measurements(
         along = require("--direction", _read_direction, direction)
     elif len(read.directions) > 1:
         why = "A fit takes sound along one direction"
-        raise InputError(message(f"{scene} has {len(read.directions)} directions", why, "Name one by --direction"))
+        raise InputError(f"{scene} has {len(read.directions)} directions", why, "Name one by --direction")
     if len(read.media) > 1:
-        raise InputError(message(f"{scene} has several media", mend="Keep only the one to fit with"))
+        raise InputError(f"{scene} has several media", mend="Keep only the one to fit with")
     given = tuple(parameter or ())
     if twice := [name for name in dict.fromkeys(given) if given.count(name) > 1]:
-        raise InputError(message(f"--parameter {twice[0]} is given {given.count(twice[0])} times", mend="Give it once"))
+        raise InputError(f"--parameter {twice[0]} is given {given.count(twice[0])} times", mend="Give it once")
     if "width" in given and not width:
-        raise InputError(message("--no-width keeps the width, and --parameter width fits it", mend="Leave one out"))
+        raise InputError("--no-width keeps the width, and --parameter width fits it", mend="Leave one out")
     if not (width or parameter):
-        raise InputError(
-            message("nothing is left to fit", "--no-width keeps the spread", "Leave it out, or give --parameter")
-        )
+        raise InputError("nothing is left to fit", "--no-width keeps the spread", "Leave it out, or give --parameter")
     # "ala" is the default for equal balls, so it does not say how balls that differ are to be averaged
     replaced = width and read.media[0].name == "ala" and not read.balls_differ
     medium = "ema" if replaced else read.media[0]
@@ -116,6 +115,7 @@ def fit_measurements(
         None if balls is None else partial(force_of_frame, balls_per_side=balls),
         partial(convert_pressure, packing, read.finite_overlap, medium, given),
         packing.structure.periods,
+        partial(convert_cutoff, packing, branch, along, read.finite_overlap, given),
     )
     found = fit_width(
         packing, measured.force, measured.velocity,
@@ -209,7 +209,7 @@ def measure_tradeoff(
     loaded = list(dict.fromkeys(one.history.reference for one in read.media if one.history.is_loaded)) or [REST]
     if len(loaded) > 1:
         what = f"the media of {scene} are loaded with friction in {len(loaded)} ways"
-        raise InputError(message(what, "A trade-off judges all by one of them", "Keep one"))
+        raise InputError(what, "A trade-off judges all by one of them", "Keep one")
     truth = loaded[0].options
     given: dict[str, Any] = {load.kind: load.values, **{name: truth[name] for name in REFERENCE_OPTIONS}}
     work = None if out is None else Path(out) / WORK_FILE
@@ -273,8 +273,8 @@ def _say_written(out: str | None, names: Sequence[str], failures: Mapping[str, s
 def _require_one_packing(what: str, scene: str, read: Scene) -> Packing:
     if read.packing.kind_names:
         mend = "Describe balls of one kind by the blocks material and packing"
-        raise InputError(message(f"{scene} has balls of several kinds", f"{what} is for one packing", mend))
+        raise InputError(f"{scene} has balls of several kinds", f"{what} is for one packing", mend)
     if read.parameters:
         swept = f"{scene} sweeps {', '.join(name for name, _ in read.parameters)}"
-        raise InputError(message(swept, f"{what} is for one packing", "Leave the block 'sweep' out"))
+        raise InputError(swept, f"{what} is for one packing", "Leave the block 'sweep' out")
     return cast("Packing", read.packing)

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from granphon.base.errors import InputError, message, one_line
+from granphon.base.errors import InputError, one_line
 
 if TYPE_CHECKING:
     from granphon.scene.scene import Scene
@@ -49,7 +49,7 @@ def fail(text: str, code: int) -> int:
 def require_name(option: str, path: str | None) -> None:
     """Raise :class:`~granphon.base.errors.InputError` if the path given for ``option`` is an empty text."""
     if path == "":
-        raise InputError(message(f"{option} is empty", mend="Name a file or folder; perhaps a shell variable is not set"))
+        raise InputError(f"{option} is empty", mend="Name a file or folder; perhaps a shell variable is not set")
 
 
 class Interrupted(Exception):
@@ -71,12 +71,12 @@ def write_of_scene(scene: str, out: str, endings: Sequence[str], force: bool, on
     if target.suffix not in endings:
         what = f"--out is {out}, whose ending is not {' or '.join(endings)}"
         mend = f"Use {' or '.join(endings)}" if len(endings) > 1 else f"Give a name that ends in {endings[0]}"
-        raise InputError(message(what, mend=mend))
+        raise InputError(what, mend=mend)
     read = Scene.from_yaml(scene)
     with ResultFiles(target.parent, [target.name], force, inputs=read.origin.inputs).open() as locked:
         if one and not read.is_single:
             mend = "Keep one load, one medium, and no block 'sweep'"
-            raise InputError(message(f"{scene} has many states", one, mend))
+            raise InputError(f"{scene} has many states", one, mend)
         with locked.staging() as place:
             yield read, place / target.name
     say(f"Wrote {out}")

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.errors import PrecisionError, message
+from granphon.base.errors import PrecisionError
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -135,6 +135,6 @@ def _sort_senses(
         basis = np.concatenate([waves.vectors / np.linalg.norm(waves.vectors, axis=0), still], axis=1)
         if basis.shape[0] != basis.shape[1] or np.linalg.cond(basis) > _ALIKE:
             why = "At the edge of a band waves of both senses are one, and at some frequencies motions of a layer stay in it"
-            raise PrecisionError(message("the waves at a frequency cannot be told apart", why, "Shift it by a millionth"))
+            raise PrecisionError("the waves at a frequency cannot be told apart", why, "Shift it by a millionth")
         found.append(waves)
     return found[0], found[1]

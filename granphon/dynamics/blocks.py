@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.errors import InstabilityError, message
+from granphon.base.errors import InstabilityError
 from granphon.dynamics.linalg import (
     MANY_COLUMNS,
     cholesky_factor,
@@ -34,6 +34,8 @@ from granphon.dynamics.linalg import (
 from granphon.dynamics.rows import WaveRows, bend, bend_slope
 
 Array = NDArray[np.float64]
+#: number of motions from which those that cost nothing at any wave vector are split off by LAPACK
+_MANY_FREE = 48
 #: relative difference of frequencies below which branches are treated as one degenerate set
 _DEGENERATE = 1e-9
 #: |dq|d at which branches that touch with one slope are told apart
@@ -315,6 +317,12 @@ class Block:
         """Find frequencies and eigenvectors in the basis of the point."""
         if point.across is not None:
             values, right = graded_eigh(self._make_matrix(point.rows, point.across), factorise)
+        elif self.free and self.size > _MANY_FREE:
+            # motions that cost nothing are split off: to tell them from the softest, plane rotations would take minutes
+            apart = lapack_svd(point.rows)[1]
+            soft, turn = graded_svd(point.rows @ apart[:, :, self.free :])
+            values = np.pad(soft, ((0, 0), (self.free, 0)))
+            right = np.concatenate([apart[:, :, : self.free], apart[:, :, self.free :] @ turn], axis=2)
         else:
             values, right = graded_svd(point.rows)
         small = (values <= self._limit * self._largest) & (values > 0.0)
@@ -423,7 +431,7 @@ def factorise(matrices: NDArray[Any]) -> NDArray[Any]:
     try:
         return cholesky_factor(matrices)
     except np.linalg.LinAlgError:
-        raise InstabilityError(message("a squared frequency is negative")) from None
+        raise InstabilityError("a squared frequency is negative") from None
 
 
 def find_blocks(effects: NDArray[np.bool_]) -> list[NDArray[np.intp]]:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import steps_within
 from granphon.balls.lattices import as_direction, one_direction
-from granphon.base.errors import GranphonError, UnreachableFrequencyError, message
+from granphon.base.errors import GranphonError, UnreachableFrequencyError
 from granphon.base.validation import real_array
 from granphon.dynamics.contact_lattice import ContactLattice
 
@@ -88,10 +88,8 @@ class AcousticBranch:
         target = np.atleast_1d(real_array("frequency", frequency))
         if np.any(target > self.top):
             raise UnreachableFrequencyError(
-                message(
-                    f"the {self.name} branch ends at {self.top:.10g} (k/M)^1/2, below {float(target.max()):.10g}",
-                    mend="Choose lower frequencies",
-                )
+                f"the {self.name} branch ends at {self.top:.10g} (k/M)^1/2, below {float(target.max()):.10g}",
+                mend="Choose lower frequencies",
             )
         right = np.searchsorted(self.frequencies, target).clip(max=len(self.frequencies) - 1)
         known, lattice = (self.wavenumbers, self.frequencies), self.lattice
@@ -153,11 +151,9 @@ def _solve_wavenumbers(
     lost = np.abs(value - target) > 1e-11 * target
     if np.any(lost):
         raise GranphonError(
-            message(
-                f"the {name} branch could not be followed along {along[np.argmax(lost)]}",
-                "It changes its character too fast, at an avoided crossing",
-                "Choose another direction",
-            )
+            f"the {name} branch could not be followed along {along[np.argmax(lost)]}",
+            "It changes its character too fast, at an avoided crossing",
+            "Choose another direction",
         )
     return x, vector
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.lattices import Lattice
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError
 from granphon.base.results import read_only
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.zone_quadrature import grid_zone
@@ -85,7 +85,7 @@ def cluster_response(
     sizes = [len(cluster) for cluster in clusters]
     if balls is not None and balls not in sizes:
         listed = " or ".join(map(str, sizes))
-        raise InputError(message(f"no shell of the {lattice.name} lattice completes {balls} balls", mend=f"Give {listed}"))
+        raise InputError(f"no shell of the {lattice.name} lattice completes {balls} balls", mend=f"Give {listed}")
     medium = ContactLattice.of(lattice, mindlin_ratio, bending=bending)
     medium.require_rigid()
     cluster = clusters[0 if balls is None else sizes.index(balls)]

@@ -15,12 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import ContactTable
 from granphon.balls.motions import IN_PLANE, Motions, select_motions
-from granphon.base.errors import InputError, InstabilityError, PrecisionError, message
+from granphon.base.errors import InputError, InstabilityError, PrecisionError
 from granphon.base.results import read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
 from granphon.base.validation import finite_array, not_negative, real_array
-from granphon.dynamics.rows import Row, WaveRows, contact_rows, push_rows
+from granphon.dynamics.rows import Row, WaveRows, contact_rows, push_rows, weigh_rows
 from granphon.networks.network import ContactNetwork
 
 Array = NDArray[np.float64]
@@ -40,7 +40,7 @@ def as_wavevectors(wavevectors: ArrayLike, periods: int) -> Array:
     """Wave vectors as (n_q, p), from any (..., p); :class:`~granphon.base.errors.InputError` if p is not ``periods``."""
     q = real_array("wavevectors", wavevectors)
     if q.shape[-1:] != (periods,):
-        raise InputError(message(f"the wave vectors have the shape {q.shape}", mend=f"Give an array (n_q, {periods})"))
+        raise InputError(f"the wave vectors have the shape {q.shape}", mend=f"Give an array (n_q, {periods})")
     return q.reshape(-1, periods)
 
 
@@ -49,11 +49,9 @@ def require_digits(fractions: Array) -> None:
     farthest = float(np.max(np.abs(fractions), initial=0.0))
     if farthest > _FARTHEST:
         raise PrecisionError(
-            message(
-                f"a wave vector is {farthest:.3g} reciprocal vectors from Gamma",
-                f"Beyond {_FARTHEST:.0e} nothing is left of the digits that say where it is between two of them",
-                "Leave whole reciprocal vectors out",
-            )
+            f"a wave vector is {farthest:.3g} reciprocal vectors from Gamma",
+            f"Beyond {_FARTHEST:.0e} nothing is left of the digits that say where it is between two of them",
+            "Leave whole reciprocal vectors out",
         )
 
 
@@ -111,7 +109,7 @@ class Compatibility:
         self.masses: Array = read_only(np.broadcast_to(real_array("masses", masses), self.n_balls))
         self.gyration: Array = read_only(np.broadcast_to(real_array("gyration", gyration), self.n_balls))
         if not (np.all(self.masses > 0.0) and np.all(self.stiffness > 0.0)):
-            raise InputError(message("a mass or a contact stiffness is not above zero"))
+            raise InputError("a mass or a contact stiffness is not above zero")
 
     def _read_ratio(self, name: str, given: Any) -> float | Array:
         """Return a ratio of stiffnesses, zero or above: a float, or an array (n_c,)."""
@@ -148,7 +146,7 @@ class Compatibility:
         contacts, n = len(self.contacts), self.n_branches
         return 16 * n * (6 * len(self.rows) * contacts + 10 * n)
 
-    def require_memory(self) -> None:
+    def _require_memory(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if one wave vector takes more memory than is reasonable."""
         if self.bytes_per_wavevector > MOST_BYTES:
             what = f"the cell of {self.n_balls} balls has {self.n_branches} branches"
@@ -156,7 +154,7 @@ class Compatibility:
                 f"One wave vector takes {self.bytes_per_wavevector / 2**30:.2g} GiB of memory, more than {MOST_BYTES >> 30}"
             )
             mend = "Take a smaller cell, or gp.Waves(network), whose matrices are sparse"
-            raise InputError(message(what, why, mend))
+            raise InputError(what, why, mend)
 
     @cached_property
     def is_held(self) -> bool:
@@ -183,14 +181,12 @@ class Compatibility:
         q, count = real_array("fractions", fractions), self.periods
         if q.shape[-1:] not in ((count,), (3,)):
             wanted = f"(..., {count})" + " or (..., 3)" * (count < 3)
-            raise InputError(message(f"the fractions have the shape {q.shape}", mend=f"Give an array {wanted}"))
+            raise InputError(f"the fractions have the shape {q.shape}", mend=f"Give an array {wanted}")
         if np.any(q[..., count:]):
             raise InputError(
-                message(
-                    "a wave vector has a component across the lattice",
-                    f"The lattice has {counted(count, 'period')}",
-                    "Give 0 for the rest",
-                )
+                "a wave vector has a component across the lattice",
+                f"The lattice has {counted(count, 'period')}",
+                "Give 0 for the rest",
             )
         require_digits(q)
         return np.asarray(q[..., :count] @ self.reciprocal)
@@ -202,7 +198,7 @@ class Compatibility:
         """
         q = as_wavevectors(wavevectors, self.periods)
         if not np.all(np.isfinite(q)):
-            raise InputError(message("a wave vector is not finite"))
+            raise InputError("a wave vector is not finite")
         require_digits(q)  # per diameter, which is about the same
         taken = np.rint(q @ self.cell[:, : self.periods].T / (2.0 * np.pi)) @ self.reciprocal
         near = q - taken
@@ -235,7 +231,7 @@ class Compatibility:
                 " farther out, with the stiffness -f/a, and nothing else acts on long waves"
             )
             mend = f"Use the motions {inner}, or leave finite_overlap off"
-        return InstabilityError(message(f"the lattice {self.name} buckles: {where}", why, mend))
+        return InstabilityError(f"the lattice {self.name} buckles: {where}", why, mend)
 
     # -- the compatibility matrix -----------------------------------------------------------------------------------
 
@@ -245,6 +241,7 @@ class Compatibility:
 
         In this frame the long-wave motion is one column, of half-angle sines, instead of a difference between n columns.
         """
+        self._require_memory()
         return self._complete(np.sqrt(self.masses / self.masses.sum()))
 
     @staticmethod
@@ -305,7 +302,6 @@ class Compatibility:
         Both are (kinds, n_c, n_branches), and multiplied by ``root``. The difference is the deformation at q = 0; for
         displacements of the centre of mass it is exactly zero.
         """
-        self.require_memory()
         motion = (self._frame if frame is None else frame) / np.sqrt(self.masses)[:, None]
         motion[:, 0] = 1.0 / np.sqrt(self.masses.sum())
         motion = np.pad(motion, ((0, 1), (0, 0)))  # the last is a body that does not move
@@ -392,6 +388,7 @@ class Compatibility:
         The first column is the motion of the centre of mass in both. Odd ones are multiplied by i, so that rows of a contact
         and of its image are complex conjugates.
         """
+        self._require_memory()  # also before images are sought among many contacts
         n = self.n_balls
         if self._images is None or np.array_equal(self._images[0], np.arange(n)):
             return self._frame
@@ -460,8 +457,8 @@ class Compatibility:
         :class:`granphon.dynamics.damping.ContactDamping`.
         """
         rows = self.compatibility(wavevectors)
-        of_rows = [[one[int(row.kind != "elongation")] for row in self.rows] for one in (times, losses)]
-        viscous, lost = (rows.conj().swapaxes(1, 2) @ (np.ravel(one)[:, None] * rows) for one in of_rows)
+        of_rows = (weigh_rows(self.rows, one).ravel() for one in (times, losses))
+        viscous, lost = (rows.conj().swapaxes(1, 2) @ (one[:, None] * rows) for one in of_rows)
         return self._compute_frame_matrix(wavevectors) + 1j * lost, viscous
 
     @cached_property

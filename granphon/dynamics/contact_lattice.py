@@ -21,7 +21,7 @@ from granphon.balls.contact_table import ContactTable
 from granphon.balls.lattices import Lattice, as_direction, find_lattice
 from granphon.balls.layers import find_axes
 from granphon.balls.motions import Motions, allowed_motions
-from granphon.base.errors import InputError, InstabilityError, message
+from granphon.base.errors import InputError, InstabilityError
 from granphon.base.results import Result, read_only
 from granphon.base.threads import share_out, single_products
 from granphon.base.validation import not_negative, positive, real_array
@@ -113,9 +113,7 @@ class ContactLattice(LongWaves):
         """
         apart = positive("spacing", spacing)
         if apart >= 2.0:
-            raise InputError(
-                message(f"spacing is {apart:g}", "The distance of touching balls, in diameters, must be below 2")
-            )
+            raise InputError(f"spacing is {apart:g}", "The distance of touching balls, in diameters, must be below 2")
         eta, load = not_negative("mindlin_ratio", mindlin_ratio), not_negative("prestress", prestress)
         structure = find_lattice(lattice)
         moving = next(iter(allowed_motions(structure.dimension).values())) if motions is None else motions
@@ -148,10 +146,10 @@ class ContactLattice(LongWaves):
         axes, dimension = np.flatnonzero(network.pbc), network.dimension
         if not axes.size:
             why, mend = "Bands and sound are those of balls that repeat without end", "Use gp.Waves, or give pbc and a cell"
-            raise InputError(message("the network repeats along no axis", why, mend))
+            raise InputError("the network repeats along no axis", why, mend)
         if network.prestress and network.tangential_force is not None and np.any(network.tangential_force):
             what, why = "the network has static tangential forces", "With prestress they act, and have no potential"
-            raise InputError(message(what, why, "Use gp.Waves, or a network without prestress"))
+            raise InputError(what, why, "Use gp.Waves, or a network without prestress")
         moving, units, count = network.moving, network.scales, int(np.count_nonzero(network.moving))
         number = np.full(network.n_balls, count)
         number[moving] = np.arange(count)
@@ -240,9 +238,7 @@ class ContactLattice(LongWaves):
         elif np.all(np.any(asked != 0.0, axis=1)):
             along = as_direction(asked, self.periods)
         else:
-            raise InputError(
-                message("modes at Gamma need a direction", "Group velocities there depend on it", "Give direction")
-            )
+            raise InputError("modes at Gamma need a direction", "Group velocities there depend on it", "Give direction")
         parts = self._share_out(lambda part: self._find_modes(asked[part], along[part]), len(asked))
         return Modes(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 

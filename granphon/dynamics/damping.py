@@ -18,7 +18,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.errors import InputError, brief, message
+from granphon.base.errors import InputError, brief
 from granphon.base.results import Result
 from granphon.base.validation import finite_array
 from granphon.networks.network import ContactNetwork
@@ -84,13 +84,13 @@ def _read_pair(name: str, given: Any, contacts: int, unit: str) -> Array:
     """Return numbers (2, n_c), zero or above, from a number or (n_c,), or a tuple of two of these."""
     pair = given if isinstance(given, tuple) else (given, given)
     if len(pair) != 2:
-        raise InputError(message(f"{name} is {brief(given)}", mend="Give a number, or (normal, tangential)"))
+        raise InputError(f"{name} is {brief(given)}", mend="Give a number, or (normal, tangential)")
     found = np.empty((2, contacts))
     for row, one in zip(found, pair, strict=True):
         values = finite_array(name, one, unit, "zero or above")
         if values.shape not in ((), (contacts,)):
             what = f"{name} has the shape {values.shape}, and there are {contacts} contacts"
-            raise InputError(message(what, mend="Give a number, one for each contact, or a tuple (normal, tangential)"))
+            raise InputError(what, mend="Give a number, one for each contact, or a tuple (normal, tangential)")
         row[:] = values
     return found
 

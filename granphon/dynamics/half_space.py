@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.motions import Motions, allowed_motions, select_motions
-from granphon.base.errors import GranphonError, InputError, message
+from granphon.base.errors import GranphonError, InputError
 from granphon.base.validation import real_array
 from granphon.dynamics.bloch_waves import Couplings
 from granphon.dynamics.contact_lattice import ContactLattice
@@ -89,7 +89,7 @@ class HalfSpace:
         )
         self.reach = reach = int(np.max(np.abs(self.layers.split(shift)[1]), initial=0))
         if not reach:
-            raise InputError(message("no contact joins the layers", "Each would have its own waves", "Choose another axis"))
+            raise InputError("no contact joins the layers", "Each would have its own waves", "Choose another axis")
         self.cut = cut = network.cut(axis, 4 * reach + 1 + (edge == "clamped"), (edge, "free"))
         units, moving, spring = self.units, cut.moving, cut.normal_stiffness
         self.motions: Motions = select_motions(
@@ -108,9 +108,7 @@ class HalfSpace:
         stiff = [row.stiffness * spring / units.stiffness for row in rows]
         if cut.prestress:
             if cut.tangential_force is not None and np.any(cut.tangential_force):
-                raise InputError(
-                    message("the network has static tangential forces", "With prestress, they have no potential")
-                )
+                raise InputError("the network has static tangential forces", "With prestress, they have no potential")
             rows_across = push_rows(cut.normal[:, :d], self.motions)
             rows += rows_across
             stiff += [-cut.normal_force / cut.distance / units.stiffness] * len(rows_across)
@@ -169,7 +167,7 @@ class HalfSpace:
         """Return one wave vector along the edge (p - 1,), zero if () is given; raises InputError for another shape."""
         p, given = len(self.layers.cell), real_array("q", q)
         if given.shape not in ((p,), (0,)) or not np.all(np.isfinite(given)):
-            raise InputError(message(f"q has the shape {given.shape}", mend=f"Give ({p},) fractions, along the layers"))
+            raise InputError(f"q has the shape {given.shape}", mend=f"Give ({p},) fractions, along the layers")
         return given if given.size else np.zeros(p)
 
     def wavenumbers(self, factors: Complex, q: Array) -> Complex:
@@ -471,11 +469,11 @@ class HalfSpace:
         rows = self._find_rows(q)
         if rows.shape[1] != rows.shape[2]:
             what = f"{rows.shape[1]} deformations of contacts and {rows.shape[2]} motions are not as many"
-            raise InputError(message(what, "C has no determinant", "Take an isostatic lattice"))
+            raise InputError(what, "C has no determinant", "Take an isostatic lattice")
         found, size = np.linalg.det(rows), np.prod(np.linalg.norm(rows, axis=2), axis=1)
         turns = np.angle(np.roll(found, -1) * found.conj())
         if np.any(np.abs(found) <= _SINGULAR * size) or np.max(np.abs(turns)) > 0.5 * np.pi:
-            raise InputError(message("det C vanishes, or nearly, at this wave vector", mend="Take another one"))
+            raise InputError("det C vanishes, or nearly, at this wave vector", mend="Take another one")
         return int(np.rint(turns.sum() / (2.0 * np.pi)))
 
     # -- long waves ---------------------------------------------------------------------------------------------------------
@@ -488,16 +486,16 @@ class HalfSpace:
         edge that is held, and if there is no such wave.
         """
         if self.edge != "free":
-            raise InputError(message(f"the edge is held ({self.edge})", "Long waves there are none", "Take edge='free'"))
+            raise InputError(f"the edge is held ({self.edge})", "Long waves there are none", "Take edge='free'")
         lattice = ContactLattice.from_network(self.network)
         p, moves = lattice.periods, lattice.motions.translations
         lattice.require_rigid()
         if p < 2 or not set(range(p)) <= set(moves):
-            raise InputError(message("the balls do not move along the edge and across it", mend="Use other motions"))
+            raise InputError("the balls do not move along the edge and across it", mend="Use other motions")
         inside = [moves.index(axis) for axis in range(p)]
         turn = self.layers.turn[:p, :p]
         if not np.allclose(np.abs(np.linalg.det(turn)), 1.0):
-            raise InputError(message("the periods of the network do not lie along x, or in the xy plane", mend="Turn it"))
+            raise InputError("the periods of the network do not lie along x, or in the xy plane", mend="Turn it")
         stiffness = lattice.gradient_stiffness()[np.ix_(inside, range(p), inside, range(p))] / lattice.measure
         tensor = np.einsum("ai,bj,ck,dl,ijkl->abcd", turn, turn, turn, turn, stiffness)
         density = float(lattice.masses.sum()) / lattice.measure
@@ -533,5 +531,5 @@ class HalfSpace:
         ends = 1e-3 * limit, (1.0 - 1e-9) * limit
         signs = [impedance(one) for one in ends]
         if not signs[0] * signs[1] < 0.0:
-            raise GranphonError(message("no long wave runs along this edge", mend="Choose another direction"))
+            raise GranphonError("no long wave runs along this edge", mend="Choose another direction")
         return float(brentq(impedance, *ends, xtol=1e-15 * limit, rtol=1e-15))

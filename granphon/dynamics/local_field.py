@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.lattices import TRIANGULAR, Lattice, find_lattice
-from granphon.base.errors import MechanismError, PrecisionError, message
+from granphon.base.errors import MechanismError, PrecisionError
 from granphon.base.results import Result
 from granphon.base.validation import not_negative
 from granphon.dynamics.contact_lattice import ContactLattice
@@ -160,11 +160,9 @@ def _compute_local_field(structure: Lattice, eta: float, bending: float, torsion
     else:
         shown = ", ".join(f"{name} {getattr(medium, name):g}" for name in ("mindlin_ratio", "torsion", "bending"))
         raise PrecisionError(
-            message(
-                f"the local field of lattice {medium.name!r} at {shown} does not converge",
-                "Stiffnesses are so unequal that some of its motions cost almost no energy beside others",
-                "Use stiffnesses nearer to that of compression",
-            )
+            f"the local field of lattice {medium.name!r} at {shown} does not converge",
+            "Stiffnesses are so unequal that some of its motions cost almost no energy beside others",
+            "Use stiffnesses nearer to that of compression",
         )
     star, *second = values.tolist()
     xi = 1.0 / star - 1.0

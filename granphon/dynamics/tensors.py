@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import steps_within
 from granphon.balls.lattices import Lattice, as_direction
-from granphon.base.errors import InstabilityError, message
+from granphon.base.errors import InstabilityError
 from granphon.base.results import read_only
 from granphon.dynamics.linalg import cholesky_factor
 from granphon.dynamics.long_waves import decompose_waves, voigt_pairs
@@ -157,5 +157,5 @@ def waves_of_tensor(tensor: Array, direction: ArrayLike) -> tuple[Array, Array]:
         factor = cholesky_factor(strain @ stiffness @ strain.swapaxes(-1, -2))
     except np.linalg.LinAlgError:
         what = "a squared sound velocity is negative"
-        raise InstabilityError(message(what, "The elastic tensor is not positive", "Raise the load")) from None
+        raise InstabilityError(what, "The elastic tensor is not positive", "Raise the load") from None
     return decompose_waves(along, factor, tuple(range(periods)))

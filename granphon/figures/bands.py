@@ -23,7 +23,7 @@ from matplotlib.patches import Polygon
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError
 from granphon.base.scales import HertzPrefix
 from granphon.base.validation import real_array
 from granphon.dynamics.contact_lattice import ContactLattice
@@ -89,7 +89,7 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
     """
     repeats = np.asarray(bands.pbc)
     if not np.any(repeats):
-        raise InputError(message("the balls repeat along no period", "A cluster has no Brillouin zone"))
+        raise InputError("the balls repeat along no period", "A cluster has no Brillouin zone")
     reciprocal, periods = find_reciprocal(bands), int(np.sum(repeats))
     if not np.all(repeats):  # in Cartesian axes of the vectors along which the cell repeats
         vectors = bands.cell[: bands.periods, : bands.periods][repeats]
@@ -211,7 +211,7 @@ def plot_bands(
     if bulk is not None:
         field = real_array("bulk", bulk) / unit.hertz
         if field.ndim != 4 or field.shape[:2] != values.shape[:2] or field.shape[3] != 2:
-            raise InputError(message(f"bulk has the shape {field.shape}", mend=f"Give {values.shape[:2]}, branches and 2"))
+            raise InputError(f"bulk has the shape {field.shape}", mend=f"Give {values.shape[:2]}, branches and 2")
         for s, b in np.ndindex(field.shape[0], field.shape[2]):
             ax.fill_between(bands.distances[s], *field[s, :, b].T, color=_GAP, linewidth=0.0, zorder=0.1)
     for s, x in enumerate(bands.distances):
@@ -237,7 +237,7 @@ def plot_bands(
     ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(-0.02 * values.max(), 1.05 * values.max()))
     intervals = np.zeros((0, 2)) if gaps is None else real_array("gaps", gaps)
     if intervals.ndim != 2 or intervals.shape[1] != 2 or not np.all(np.isfinite(intervals)):
-        raise InputError(message(f"gaps have the shape {intervals.shape}", mend="Give (n, 2) finite frequencies in Hz"))
+        raise InputError(f"gaps have the shape {intervals.shape}", mend="Give (n, 2) finite frequencies in Hz")
     for number, (low, high) in enumerate((intervals / unit.hertz).tolist()):
         ax.axhspan(low, high, color=_GAP, linewidth=0.0, zorder=0.2, label="_" * bool(number) + "gap", gid=f"gap-{number}")
     if asymptotes is not None:
@@ -277,11 +277,11 @@ def plot_asymptotes(
     unit = _choose_unit(bands) if unit is None else unit
     if isinstance(velocities, SoundVelocities) and np.ndim(velocities.longitudinal):
         mend = "Give the velocities at the load of the bands"
-        raise InputError(message("the velocities are those of several loads", mend=mend))
+        raise InputError("the velocities are those of several loads", mend=mend)
     reciprocal = find_reciprocal(bands)
     if isinstance(velocities, SoundVelocities) and len(reciprocal) == 3:
         what = "the velocities are those of one direction"
-        raise InputError(message(what, "In space they depend on it", "Give Phonons.lattice"))
+        raise InputError(what, "In space they depend on it", "Give Phonons.lattice")
     scales, label = bands.scales, "long waves"
     for s, near, far in ((s, *ends) for s in range(len(bands.qpoints)) for ends in ((0, -1), (-1, 0))):
         start = bands.qpoints[s, near]
@@ -359,7 +359,7 @@ def bands_figure(
     """
     first = dos if bands is None else bands
     if first is None:
-        raise InputError(message("there is nothing to draw", mend="Give bands, a density of states, or both"))
+        raise InputError("there is nothing to draw", mend="Give bands, a density of states, or both")
     unit, both = _choose_unit(first), bands is not None and dos is not None
     # a zone in space has too many corners for an inset
     space = bands is not None and sum(bands.pbc) == 3

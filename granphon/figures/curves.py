@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from granphon.balls.lattices import find_lattice
 from granphon.balls.loads import force_of_frame
 from granphon.balls.packing import Packing
-from granphon.base.errors import FigureError, InputError, brief, message
+from granphon.base.errors import FigureError, InputError, brief
 from granphon.base.quantities import LOAD_KINDS
 from granphon.base.results import restore
 from granphon.base.scales import HertzPrefix, write_uncertain
@@ -327,19 +327,19 @@ def read_values(dataset: Dataset, name: str, run: str = "") -> Any:
     """Return a variable over the load; :class:`InputError` if it cannot be drawn, FigureError beyond matplotlib's axes."""
     if name not in dataset.variables:
         known = ", ".join(map(str, dataset.data_vars))
-        raise InputError(message(f"the sweep has no variable {name!r}", f"It has {known}"))
+        raise InputError(f"the sweep has no variable {name!r}", f"It has {known}")
     values = dataset[name]
     if name not in list_quantities(dataset, "fiub"):
-        raise InputError(message(f"{name!r} is not one number at each load", mend="Draw another variable"))
+        raise InputError(f"{name!r} is not one number at each load", mend="Draw another variable")
     if not np.any(np.isfinite(values)):
         why = "It is infinite for equal balls" if name == "reduced_force" else ""
-        raise InputError(message(f"{name} of {run or 'the sweep'} has no finite value", why, "Draw another variable"))
+        raise InputError(f"{name} of {run or 'the sweep'} has no finite value", why, "Draw another variable")
     sizes = np.abs(np.asarray(values, float))
     far = (np.isfinite(sizes) & (sizes > _LARGEST)) | ((sizes > 0.0) & (sizes < 1.0 / _LARGEST))
     if np.any(far):
         what = f"{name!r} has the value {np.asarray(values)[far].flat[0]:g}"
         why = f"Figures have axes from {1.0 / _LARGEST:g} to {_LARGEST:g}"
-        raise FigureError(message(what, why, "Draw another variable"))
+        raise FigureError(what, why, "Draw another variable")
     return values
 
 
@@ -357,6 +357,13 @@ def list_parameters(dataset: Dataset) -> list[str]:
     """Return the dimensions of the sweep besides load and medium: its parameters, and directions if there are many."""
     along = ("direction",) * ("direction" in dataset.dims)
     return [str(name) for name in (*dataset["valid"].dims, *along) if name not in ("load", "medium")]
+
+
+def choose_parameter(dataset: Dataset) -> str | None:
+    """Return the parameter in numbers that has the most values, where there is one load; None where curves are over it."""
+    sizes = {name: dataset.sizes[name] for name in list_parameters(dataset) if dataset[name].dtype.kind in "fiu"}
+    most = max(sizes, key=lambda name: sizes[name], default=None)
+    return most if dataset.sizes["load"] == 1 and most is not None and sizes[most] > 1 else None
 
 
 def turn_over(dataset: Dataset, x: str | None) -> Dataset:
@@ -442,11 +449,15 @@ def plot_sweep(
 ) -> Axes:
     """Draw a variable of a sweep, one line for each medium and combination of parameters, in order of ``x``.
 
+    Media have colours, or of one medium the values of the first of several parameters; the combinations of the others are
+    shades of them.
+
     Parameters
     ----------
     dataset : a data set made by :func:`granphon.sweep`.
     variable, x : names of variables or coordinates over load; ``x`` is by default the load that was given, a force, a
-        pressure or an overlap; or a parameter in numbers, such as A.diameter, with a line for each load.
+        pressure or an overlap; or a parameter in numbers, such as A.diameter, with a line for each load. Where there is one
+        load alone it is the parameter in numbers that has the most values.
     legend : whether to draw a legend; it names no more than eight combinations, and says of how many.
 
     Axes are logarithmic where all values are above zero. Lines are solid where the medium is valid, thin and dashed
@@ -469,14 +480,19 @@ def plot_sweep(
 def _draw_sweep(dataset: Dataset, ax: Axes, variable: str, x: str | None) -> tuple[list[Curve], list[Line2D]]:
     """Draw what :func:`plot_sweep` draws, and return its curves and the entries of its legend.
 
-    These are the media, combinations of parameters, grey if there are several media, and what holds for all curves.
+    These are the colours, combinations of parameters, grey if there are several colours, and what holds for all curves.
     """
+    x = x or choose_parameter(dataset)
     dataset = turn_over(dataset, x)
     x, colours = x or find_load(dataset), itertools.cycle(COLOURS)
     read_values(dataset, variable)
-    lines = sorted(describe_lines(dataset, variable), key=lambda line: line[1]["medium"])
+    # of one medium the first of several parameters has the colours, if these suffice
+    sizes = {name: dataset.sizes[name] for name in list_parameters(dataset) if dataset.sizes[name] > 1}
+    first = next((name for name, size in sizes.items() if size <= len(COLOURS)), "medium") if len(sizes) > 1 else "medium"
+    first = "medium" if dataset.sizes["medium"] > 1 else first
+    lines = sorted(describe_lines(dataset, variable), key=lambda line: line[1].get(first, 0))
     curves = [read_curve(dataset, variable, x, index, facts=facts) for facts, index in lines]
-    count = len(lines) // dataset.sizes["medium"]
+    count = len(lines) // len({index.get(first, 0) for _, index in lines})
     groups = [curves[n : n + count] for n in range(0, len(curves), count)]
     media = [(Look(colour, 1.5), group) for colour, group in zip(colours, groups, strict=False)]
     shades = [shade for look, _ in media for shade in _make_shades(look.colour, count)]
@@ -488,7 +504,9 @@ def _draw_sweep(dataset: Dataset, ax: Axes, variable: str, x: str | None) -> tup
     several, handles = len(media) > 1, list[Line2D]()
     if several or count == 1:
         named = zip(media, simulated, strict=True)
-        handles = [_make_handle(look, group[0].facts["medium"], points) for (look, group), points in named]
+        own = ["medium"] if first == "medium" else find_differing([group[0].facts for group in groups])[0]
+        told = [", ".join(group[0].facts[kind] for kind in own) for group in groups]
+        handles = [_make_handle(look, words, points) for ((look, _), points), words in zip(named, told, strict=True)]
     if count > 1:
         kinds, _ = find_differing([curve.facts for curve in groups[0]])
         grey, chosen = _make_shades("0.5" if several else COLOURS[0], count), pick_evenly(count, _MOST_NAMED)
@@ -531,7 +549,7 @@ def _write_beside(ax: Axes, text: str, value: float, **options: Any) -> None:
 def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None = None) -> Figure:
     """Draw a figure with velocities of a sweep above, their local exponent below, on one axis of ``x``; one column wide.
 
-    ``x`` is by default the load that was given, a force, a pressure or an overlap.
+    ``x`` is that of :func:`plot_sweep`.
 
     Velocities that are zero, of waves across a chain, are left out. A sweep without others, as of a mechanism, has the
     normal stiffness in their place. For a sweep without exponents (finite overlap), or for one ``variable``, there is the
@@ -672,7 +690,7 @@ def _draw_together(
         runs = [Run.of(f"result {n}", one) for n, one in enumerate(results, 1)]
     given = [data] if isinstance(data, str | os.PathLike | Measurements) else list(data)
     if not runs:
-        raise InputError(message("there is nothing to draw", mend="Give results"))
+        raise InputError("there is nothing to draw", mend="Give results")
     asked = x is not None or y is not None or bool(given)
     if not asked and all(run.bands is not None for run in runs):
         return _draw_bands(runs, ax)
@@ -703,13 +721,13 @@ def _draw_together(
             told = "; ".join(f"{run} has it {f'in {unit}' if unit else 'without a unit'}" for unit, run in units.items())
             what = f"{' and '.join(units.values())} cannot share an axis of {name}"
             mend = "Take --x force (x='force')" if name == across else "Draw another quantity"
-            raise InputError(message(what, told, mend))
+            raise InputError(what, told, mend)
     for curve in curves:
         if not np.all(np.isfinite(curve.x)):
             why = "It is infinite for equal balls" if across == "reduced_force" else ""
-            raise InputError(message(f"{across} of {curve.run} is not finite", why, "Take --x force (x='force')"))
+            raise InputError(f"{across} of {curve.run} is not finite", why, "Take --x force (x='force')")
         if not np.any(np.isfinite(curve.y)):
-            raise InputError(message(f"{along} of {curve.run} has no finite value", mend="Draw another quantity"))
+            raise InputError(f"{along} of {curve.run} has no finite value", mend="Draw another quantity")
     return _draw_curves(ax, curves, measured, across, along)
 
 
@@ -753,7 +771,7 @@ class Run:
             bands, dos = (getattr(result, one, None) for one in ("bands", "dos"))
             return cls(name, dataset, bands, dos, named)
         mend = "Give sweeps, fits, bands, densities of states, or results of scenes"
-        raise InputError(message(f"{brief(result)} shares no figure with others", mend=mend))
+        raise InputError(f"{brief(result)} shares no figure with others", mend=mend)
 
     @property
     def what(self) -> str:
@@ -802,7 +820,7 @@ def choose_axes(runs: Sequence[Run], x: str | None, y: str | None) -> tuple[str,
         other = next((run for run in runs if run.quantities), None)
         what = f"{_list(spectra)} {'holds' if len(spectra) == 1 else 'hold'} {spectra[0].what} and no velocities"
         why = f"{other.name} is {other.what}: they cannot share an axis" if other else "There is nothing over a load"
-        raise InputError(message(what, why, "Draw them in figures of their own"))
+        raise InputError(what, why, "Draw them in figures of their own")
     common = [one for one in runs[0].quantities if all(one in run.quantities for run in runs)]
     if x is None:
         loads = {find_load(run.dataset) for run in runs if run.dataset is not None}
@@ -815,12 +833,12 @@ def choose_axes(runs: Sequence[Run], x: str | None, y: str | None) -> tuple[str,
             meant = closest(load, _LOADS)
             data = runs[0].dataset
             own = [] if data is None else [one for one in list_parameters(data) if data[one].dtype.kind in "fiu"]
-            mend = f"Did you mean {meant}" if meant else "Use " + ", ".join((*_LOADS, *own))
-            raise InputError(message(f"{x!r} is no load", mend=mend))
+            mend = f"Did you mean {meant}?" if meant else "Use " + ", ".join((*_LOADS, *own))
+            raise InputError(f"{x!r} is no load", mend=mend)
         if without := [run for run in runs if load not in run.quantities]:
             what = f"{_list(without)} {'has' if len(without) == 1 else 'have'} no {load}"
             held = ", ".join(one for one in _LOADS if one in common) or "figures of their own"
-            raise InputError(message(what, "The runs cannot share that axis", f"Use {held}"))
+            raise InputError(what, "The runs cannot share that axis", f"Use {held}")
     if y is None:
         if (first := next((name for name in _FIRST if name in common), None)) is not None:
             return load, first
@@ -829,14 +847,14 @@ def choose_axes(runs: Sequence[Run], x: str | None, y: str | None) -> tuple[str,
         mend = f"Name a quantity that all hold, as --y {first} (y={first!r})" if first else "Draw each by itself"
         what = f"{_list(runs)} cannot share an axis: no velocity is in all"
         what = what if len(runs) > 1 else f"{runs[0].name} has no velocity"
-        raise InputError(message(what, f"Found {each}", mend))
+        raise InputError(what, f"Found {each}", mend)
     name = y.strip().lower().replace(" ", "_")
     if without := [run for run in runs if name not in run.quantities]:
         if name not in CATALOGUE and (meant := closest(name, common)):
-            raise InputError(message(f"there is no variable {y!r}", mend=f"Did you mean {meant}"))
+            raise InputError(f"there is no variable {y!r}", mend=f"Did you mean {meant}?")
         what = f"{_list(without)} {'holds' if len(without) == 1 else 'hold'} no {name}"
         why = f"All runs hold {', '.join(common)}" if common else "No quantity is in all runs"
-        raise InputError(message(what, why, "Draw another quantity, or leave these runs out"))
+        raise InputError(what, why, "Draw another quantity, or leave these runs out")
     return load, name
 
 
@@ -854,7 +872,7 @@ def _find_ratio(runs: Sequence[Run], x: str, mend: str = "Draw over the force") 
     if not ratios.size or not np.all(np.isfinite(ratios)) or np.ptp(ratios) > _SAME * np.max(np.abs(ratios)):
         why = "It is not the same multiple of the contact force in all of them"
         why = "The overlap of balls was not measured" if x == "overlap" else why
-        raise InputError(message(f"the {x} of measured points is not known from these runs", why, mend))
+        raise InputError(f"the {x} of measured points is not known from these runs", why, mend)
     return float(np.median(ratios))
 
 
@@ -862,7 +880,7 @@ def _read_points(given: Any, runs: Sequence[Run], x: str, y: str, balls: int | N
     """Return measured velocities, read from a file if need be, as a curve."""
     entry = CATALOGUE.get(y)
     if entry is None or entry.cost not in ("velocities", "pulse") or entry.unit != "m/s":
-        raise InputError(message(f"measured velocities share no axis with {y}", mend="Take a velocity, as longitudinal"))
+        raise InputError(f"measured velocities share no axis with {y}", mend="Take a velocity, as longitudinal")
     name = "measured"
     if not isinstance(given, Measurements):
         name, first = Path(given).stem, runs[0].dataset
@@ -940,7 +958,7 @@ def _draw_curves(ax: Axes, found: list[Curve], measured: list[Curve], x: str, y:
     points = [curve for curve in found if curve.measured] + measured
     if len(models) > MOST_LOOKS:
         what = f"{len(models)} curves are too many to be told apart"
-        raise InputError(message(what, f"Colours and dashes tell {MOST_LOOKS} apart", "Draw fewer runs in one figure"))
+        raise InputError(what, f"Colours and dashes tell {MOST_LOOKS} apart", "Draw fewer runs in one figure")
     labels, common = _write_legend(models)
     # entries below a heading come last, so that none that does not belong there stands there
     groups: dict[str, list[Line2D]] = {"": []}
@@ -1005,7 +1023,7 @@ def _draw_bands(runs: Sequence[Run], ax: Axes) -> _Drawn:
             paths = f"The one is {'-'.join(first.labels)}, the other {'-'.join(bands.labels)}"
             what = f"the bands of {runs[0].name} and {run.name} cannot share an axis: their paths differ"
             why = paths if bands.labels != first.labels else "The zones of the lattices have other sizes"
-            raise InputError(message(what, why, "Compute them along one path"))
+            raise InputError(what, why, "Compute them along one path")
     unit = HertzPrefix.for_top(max(float(bands.frequencies.max()) for bands in every))
     lines = [list(zip(one.distances, one.connected_frequencies / unit.hertz, strict=True)) for one in every]
     drawn = _draw_spectra(runs, ax, "bands", lines)

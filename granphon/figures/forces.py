@@ -18,7 +18,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from granphon.array.sample import Sample
-from granphon.base.errors import InputError, brief, message
+from granphon.base.errors import InputError, brief
 from granphon.base.scales import prefixed
 from granphon.base.text import counted
 from granphon.base.validation import finite_array
@@ -98,11 +98,11 @@ def plot_forces(
     another word, for a window in which there is no ball, and for what is neither a sample nor a network.
     """
     if show not in (*_SHOWS, "auto"):
-        raise InputError(message(f"show is {brief(show)}", mend=f"Use {', '.join(_SHOWS)} or auto"))
+        raise InputError(f"show is {brief(show)}", mend=f"Use {', '.join(_SHOWS)} or auto")
     given: Any = sample
     if not isinstance(given, ContactNetwork | Sample):
         mend = "Give a sample, such as state.samples[0], or a gp.ContactNetwork"
-        raise InputError(message(f"{brief(sample)} has no contact forces to draw", mend=mend))
+        raise InputError(f"{brief(sample)} has no contact forces to draw", mend=mend)
     network = sample if isinstance(sample, ContactNetwork) else None
     layer = _find_layer(sample) if isinstance(sample, Sample) else _project(sample)
     if show == "auto":
@@ -160,7 +160,7 @@ def _choose_window(layer: _Map, given: Sequence[float] | None) -> tuple[float, .
         return (*(middle - half).tolist(), *(middle + half).tolist())
     numbers = finite_array("window", given)
     if numbers.shape != (4,) or not (numbers[0] < numbers[2] and numbers[1] < numbers[3]):
-        raise InputError(message(f"window is {brief(given)}", mend="Give its left, lower, right and upper edge"))
+        raise InputError(f"window is {brief(given)}", mend="Give its left, lower, right and upper edge")
     return tuple(numbers.tolist())
 
 
@@ -177,7 +177,7 @@ def _draw_chains(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> LineCollect
     sites, sizes, colours = layer.places[inside], 2.0 * layer.radii[inside], layer.colours[inside].tolist()
     if not sites.size or not forces.size:
         mend = f"Give edges inside the array, in {'diameters' if layer.network is None else 'm'}"
-        raise InputError(message("no ball of the array is in the window", mend=mend))
+        raise InputError("no ball of the array is in the window", mend=mend)
     # printed size of a diameter, in points, estimated because the layout is not known yet
     size = (high - low) / layer.diameter
     points = float(np.min(72.0 * figure.get_size_inches() * ax.get_position().size / size))

@@ -23,7 +23,7 @@ from matplotlib.patheffects import withStroke
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import steps_within
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError
 from granphon.base.scales import HertzPrefix
 from granphon.base.validation import positive, real_array, whole_number
 from granphon.dynamics.contact_lattice import ContactLattice
@@ -187,7 +187,7 @@ def _find_motion(
     modes = phonons.modes([real_array("q", q)], direction)
     count = modes.frequencies.shape[1]
     if not 0 <= branch < count:
-        raise InputError(message(f"there is no branch {branch}", mend=f"Count from 0 to {count - 1}"))
+        raise InputError(f"there is no branch {branch}", mend=f"Count from 0 to {count - 1}")
     lattice = phonons.lattice
     n, p, moving = lattice.n_balls, lattice.periods, lattice.motions
     motion = modes.eigenvectors[0, :, branch].reshape(n, -1) / np.sqrt(lattice.masses)[:, None]
@@ -262,7 +262,7 @@ def _place_balls(lattice: ContactLattice, cells: tuple[int, ...] | None) -> tupl
         numbers = ((8,), (4, 4))[p - 1] if cells is None else [whole_number("cells", n, 1, 1000) for n in cells]
         steps = np.array(list(np.ndindex(*numbers)))
     if steps.shape[1:] != (p,):
-        raise InputError(message(f"cells is {cells!r}", f"The lattice has {p} periods", f"Give {p} whole numbers"))
+        raise InputError(f"cells is {cells!r}", f"The lattice has {p} periods", f"Give {p} whole numbers")
     step, ball = (grid.ravel() for grid in np.meshgrid(np.arange(len(steps)), np.arange(lattice.n_balls), indexing="ij"))
     places = steps[step] @ cell + sites[ball]
     if cube:

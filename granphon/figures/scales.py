@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.errors import FigureError, InputError, message
+from granphon.base.errors import FigureError, InputError
 from granphon.base.scales import HertzPrefix, prefixed
 from granphon.figures.style import (
     COLUMN_WIDTH,
@@ -53,7 +53,7 @@ def _open_door() -> Iterator[None]:
         records, said.buffer = said.buffer, []  # the log names the file that is at fault
         why = " ".join(record.getMessage() for record in records)
         mend = "Look at its settings (matplotlibrc, MATPLOTLIBRC) and how it is installed"
-        raise FigureError(message(f"matplotlib cannot be imported: {shorten_error(error)}", why, mend)) from error
+        raise FigureError(f"matplotlib cannot be imported: {shorten_error(error)}", why, mend) from error
     finally:
         log.removeHandler(said)
         for record in said.buffer:
@@ -116,7 +116,7 @@ def scale_axis(ax: Axes, which: str, values: Array, plain: float = 1e3) -> None:
     if there.min() < _LEAST or there.max() > _LARGEST:
         what = f"the {which} axis cannot reach from {there.min():.4g} to {there.max():.4g}"
         why = f"An axis goes from {_LEAST:g} to {_LARGEST:g} at most"
-        raise InputError(message(what, why, "Look at the units of the data, and leave out what is wrong"))
+        raise InputError(what, why, "Look at the units of the data, and leave out what is wrong")
     ax.set(**{f"{which}scale": "log"})
     axis, span = getattr(ax, f"{which}axis"), there.max() / there.min()
     if span < plain:

@@ -21,7 +21,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import one_direction
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError
 from granphon.base.text import counted
 from granphon.dynamics.branches import connect_branches
 from granphon.figures.style import FRAME, TRANSVERSE_COLOUR
@@ -56,13 +56,13 @@ def _find_slowness(state: State, directions: Array) -> tuple[Array, Array, Array
     """
     periods = state.reference_lattice.periods
     if periods == 1:
-        raise InputError(message(f"the {state.name} has one period", "Its sound has one direction", "Use sound_velocities"))
+        raise InputError(f"the {state.name} has one period", "Its sound has one direction", "Use sound_velocities")
     if not state.is_single:
-        raise InputError(message("the state has several loads", "A slowness surface is that of one load", "Use state[0]"))
+        raise InputError("the state has several loads", "A slowness surface is that of one load", "Use state[0]")
     # a flexural wave is the last
     waves = len(state.wave_names) - ("out_of_plane" in state.wave_names)
     if not waves:
-        raise InputError(message("these balls move across the plane only", "Their long waves are flexural: no velocity"))
+        raise InputError("these balls move across the plane only", "Their long waves are flexural: no velocity")
     velocities, polarisations = state.polarised_waves(directions)
     slowness, polarisations = 1.0 / (velocities[:, :waves] * _UNIT), polarisations[:, :, :waves]
     axes = state.reference_lattice.motions.translations
@@ -93,15 +93,15 @@ def plot_slowness(state: Any, ax: Axes, *, plane: ArrayLike | None = None, color
     found = as_state(state)
     periods = found.reference_lattice.periods
     if periods == 2 and plane is not None:
-        raise InputError(message("the lattice is a plane", "It has no other cut", "Leave plane out"))
+        raise InputError("the lattice is a plane", "It has no other cut", "Leave plane out")
     try:
         first, second = (one_direction(way, 3) for way in np.asarray(_CUTS[0] if plane is None else plane, dtype=np.float64))
     except (TypeError, ValueError) as error:
         what = "plane is not two directions in space"
-        raise InputError(message(what, str(error), "Give ((1, 0, 0), (0, 1, 0))")) from None
+        raise InputError(what, str(error), "Give ((1, 0, 0), (0, 1, 0))") from None
     second = second - (first @ second) * first
     if np.linalg.norm(second) < 1e-9:
-        raise InputError(message("the two directions of plane are parallel", mend="Give ((1, 0, 0), (0, 1, 0))"))
+        raise InputError("the two directions of plane are parallel", mend="Give ((1, 0, 0), (0, 1, 0))")
     span = np.array([first, second / np.linalg.norm(second)])
     # between the directions of high symmetry, in which the polarisations of transverse waves are any
     angle = (np.arange(2 * _CUT + 1) + 0.5) * np.pi / _CUT
@@ -167,7 +167,7 @@ def plot_slowness_surface(state: Any, ax: Axes, *, view: View | None = None, col
     found = as_state(state)
     if (periods := found.reference_lattice.periods) != 3:
         what = f"the {found.name} has {counted(periods, 'period')}"
-        raise InputError(message(what, "Surfaces belong to three", "Use plot_slowness"))
+        raise InputError(what, "Surfaces belong to three", "Use plot_slowness")
     view = _VIEW if view is None else view
     # the edges of the octant that is taken out are lines of this mesh
     polar, azimuth = np.linspace(0.0, np.pi, _SURFACE + 1), np.linspace(0.0, 2.0 * np.pi, 2 * _SURFACE + 1)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granphon.base.errors import FigureError, GranphonError, message
+from granphon.base.errors import FigureError, GranphonError
 from granphon.base.scales import HertzPrefix
 
 if TYPE_CHECKING:
@@ -119,7 +119,7 @@ def _explain_failure(target: Path, mend: str) -> Iterator[Path]:
             raise
         if new:
             target.unlink(missing_ok=True)
-        raise FigureError(message(f"{target.name} could not be drawn: {shorten_error(error)}", mend=mend)) from error
+        raise FigureError(f"{target.name} could not be drawn: {shorten_error(error)}", mend=mend) from error
 
 
 def draw(figure: Callable[[str], Figure], names: Sequence[str], folder: Path) -> dict[str, str]:

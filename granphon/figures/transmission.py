@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError
 from granphon.base.scales import HertzPrefix
 from granphon.figures.style import BLUE, GUIDE, VERMILION, print_hertz
 from granphon.phonons.complex_bands import ComplexBands
@@ -46,7 +46,7 @@ def complex_bands_figure(bands: ComplexBands) -> Figure:
 def plot_transmission(result: Transmission, ax: Axes) -> Axes:
     """Draw the parts of the energy that pass, and that are sent back, over frequency; where no wave runs in, nothing."""
     if len(result.frequencies) < 2:
-        raise InputError(message("a curve needs several frequencies", mend="Give more of them"))
+        raise InputError("a curve needs several frequencies", mend="Give more of them")
     unit, runs = HertzPrefix.for_top(float(result.frequencies.max())), result.modes[:, 0] > 0
     f = result.frequencies / unit.hertz
     for values, colour, style, label in (

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.lattices import one_direction
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import PARAMETERS
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError
 from granphon.base.results import Result
 from granphon.base.scales import write_quantity
 from granphon.base.staging import write_text
@@ -210,20 +210,20 @@ class FitProblem:
         if not least < math.exp(float(np.mean(np.log(ratio)))) < 1.0 / least:
             what = f"the velocities are {np.min(ratio):.3g} to {np.max(ratio):.3g} times those of equal balls"
             mend = "Check the units of force and velocity, and that their columns are not swapped"
-            raise InputError(message(what, mend=mend))
+            raise InputError(what, mend=mend)
         part = np.ones(1) if data.sigma is None else np.ravel(data.sigma / data.velocity)
         if np.any(part <= _MODEL_ERROR):
             what = f"sigma is as small as {np.min(part):.3g} times the velocity"
             why = f"The velocities of a model have relative errors of {_MODEL_ERROR:g}, and no fit can be better"
-            raise InputError(message(what, why, "Check the units of sigma, or give the errors that the data have"))
+            raise InputError(what, why, "Check the units of sigma, or give the errors that the data have")
         if np.any(part >= 1.0 / _MODEL_ERROR):
             what = f"sigma is as large as {np.max(part):.3g} times the velocity"
-            raise InputError(message(what, "No measurement has such an error", "Check its units"))
+            raise InputError(what, "No measurement has such an error", "Check its units")
         if len(data.force) < len(model.names) + (data.sigma is None):
             several = "s" if len(data.force) > 1 else ""
             what = f"found {len(data.force)} measurement{several}, to which {' and '.join(model.names)} cannot be fitted"
             why = "Without sigma one more is needed, to find the scatter" if data.sigma is None else ""
-            raise InputError(message(what, why, "Measure more"))
+            raise InputError(what, why, "Measure more")
         return cls(model, data.velocity, np.ones(data.force.shape) * (1.0 if data.sigma is None else data.sigma))
 
     @property
@@ -281,7 +281,7 @@ def find_best(problem: FitProblem) -> tuple[FitProblem, Array]:
             f"{names} still changed after {_MOST_SIMULATED} simulations, each of the packing that the one before has found"
         )
         mend = "Give the simulation more balls or samples, with a history a lower step_tolerance"
-        raise InputError(message(what, "Forces of few balls jump when the width changes", mend))
+        raise InputError(what, "Forces of few balls jump when the width changes", mend)
     if where is None:
         return problem, _descend(problem, model.find_start(model.packing.width))
     others = np.arange(len(model.names)) != where
@@ -302,8 +302,8 @@ def find_best(problem: FitProblem) -> tuple[FitProblem, Array]:
     if effect < _NO_EFFECT:
         what = f"in the medium {model.choice.label!r} sound does not depend on the width of this spread"
         if model.packing.structure.periods == 1:
-            raise InputError(message(what, "On a line all contacts carry the same force", "Fit other parameters"))
-        raise InputError(message(what, mend="Use another medium, such as ema, and a spread that has a shape"))
+            raise InputError(what, "On a line all contacts carry the same force", "Fit other parameters")
+        raise InputError(what, mend="Use another medium, such as ema, and a spread that has a shape")
     squares.append(math.inf)
     low = [start for i, start in enumerate(starts, 1) if squares[i] <= min(squares[i - 1], squares[i + 1])]
     return problem, min((_descend(problem, start) for start in low), key=lambda logs: float(np.sum(problem(logs)[0] ** 2)))
@@ -339,7 +339,7 @@ def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> Inp
     if where is None:
         what = f"the data do not determine {' and '.join(model.names)}"
         why = f"The standard error of {model.names[worst]} is {errors[worst]:.3g} times its value"
-        return InputError(message(what, why, _MEASURE))
+        return InputError(what, why, _MEASURE)
     width, error = float(np.exp(logs[where])), float(errors[where])
     ideal = model.equal_balls(logs)[0]
     excess = float(np.average(problem.velocity / ideal - 1.0, weights=(ideal / sigma) ** 2))
@@ -349,27 +349,27 @@ def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> Inp
             if np.average(problem.velocity / long - 1.0, weights=(ideal / sigma) ** 2) <= _NO_EFFECT:
                 what = f"the velocities are on average {100.0 * excess:.2g} % above those of pulses of equal balls"
                 why = f"They are not above those of long waves. {model.equal_balls.describe_nearest_to_top(logs)}"
-                return InputError(message(what, why, "Check the frequency; leave it out for long waves"))
+                return InputError(what, why, "Check the frequency; leave it out for long waves")
         what = f"the velocities are on average {100.0 * excess:.2g} % above those of equal balls"
         mend = "Check the Young modulus, diameter and density, or fit young_modulus as well"
-        return InputError(message(what, "A spread of diameters slows sound, so that no width fits", mend))
+        return InputError(what, "A spread of diameters slows sound, so that no width fits", mend)
     if model.names[worst] != "width" and errors[worst] > 1.0:
         what = f"the data do not determine {model.names[worst]}: its standard error is {errors[worst]:.3g} times its value"
-        return InputError(message(what, mend=_MEASURE))
+        return InputError(what, mend=_MEASURE)
     if error > 1.0 or width < problem.widths[0]:
         best = f": the best is {write_quantity(width, 'm', 3)}, its standard error {write_quantity(error * width, 'm', 3)}"
         what = "the width cannot be told from zero" + (best if width > problem.widths[0] else "")
         least = float(np.min(model.force))
         why = f"Down to {least:.3g} N the data show no slowing of sound at low forces that exceeds their errors"
-        return InputError(message(what, why, "Measure at lower forces, or more precisely"))
+        return InputError(what, why, "Measure at lower forces, or more precisely")
     falling = f"no width fits: the sum of squares still falls at {write_quantity(width, 'm', 3)}"
     tops = None if model.waves.frequency is None else model.find_tops(logs)
     if tops is not None and np.any(model.waves.frequency > _NEAR_TOP * tops):
         what = f"{falling}, beyond which the balls do not carry the frequency"
-        return InputError(message(what, model.describe_nearest_to_top(logs), "Check the frequency and the velocities"))
+        return InputError(what, model.describe_nearest_to_top(logs), "Check the frequency and the velocities")
     what = f"{falling}, beyond which the medium {model.choice.label!r} cannot be used"
     why = "The velocities are too low, or do not rise with the force as in an array of balls"
-    return InputError(message(what, why, "Check the units of the data, the Young modulus, diameter and density"))
+    return InputError(what, why, "Check the units of the data, the Young modulus, diameter and density")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -480,7 +480,7 @@ class WidthFit(Result):
         """
         if np.ndim(self.waves.frequency):
             mend = "Use .velocities, the velocities of the fit at the data"
-            raise InputError(message("the measured pulses have many frequencies", mend=mend))
+            raise InputError("the measured pulses have many frequencies", mend=mend)
         choice = MediumChoice.parse(medium or self.choice)
         # samples in their exact geometry have finite overlap of themselves: nobody has asked for it of other media
         asked = self.waves.finite_overlap and not self.choice.is_exact
@@ -508,7 +508,7 @@ class WidthFit(Result):
         """Check the fields, and that the parameters can be fitted; raise InputError otherwise."""
         super()._check()
         if unknown := set(self.parameters) - set(VARIABLE):
-            raise InputError(message(f"{', '.join(sorted(unknown))} cannot be fitted", mend="Use " + ", ".join(VARIABLE)))
+            raise InputError(f"{', '.join(sorted(unknown))} cannot be fitted", mend="Use " + ", ".join(VARIABLE))
 
     def write(self, folder: str | os.PathLike[str]) -> None:
         """Write fit.yaml, the whole fit, and fit.csv, the data with the fit, into a folder, which is made if need be."""
@@ -583,14 +583,12 @@ def fit_width(
         for balls that differ; samples of so few balls that the parameters of round after round differ.
     """
     data = Measurements(real_array("force", force), real_array("velocity", velocity), sigma, frequency)
-    periods = packing.structure.periods
-    along = np.eye(periods)[-1] if direction is None else direction
     names = texts("parameters", parameters)
     choice = MediumChoice.parse(medium, packing.structure)
     if "width" not in names and not packing.width:
         choice = MediumChoice("ala")
     asked = require("finite_overlap", truth, finite_overlap)
-    waves = Waves(branch, one_direction(along, periods), data.frequency, choice.has_finite_overlap(asked))
+    waves = Waves(branch, _along(packing, direction), data.frequency, choice.has_finite_overlap(asked))
     choice.require_fixed("a fit")
     problem = FitProblem.of(VelocityModel(packing, names, choice, data.force, waves), data)
     problem, logs = find_best(problem)
@@ -613,7 +611,7 @@ def fit_width(
     if same:
         why = "The velocities of long waves depend on E/d and E d^(1/2) W^(3/2) only" if every else ""
         mend = "Measure over a wider range of force, or fit fewer parameters"
-        raise InputError(message(f"the data cannot tell {' and '.join(names)} apart", why, mend))
+        raise InputError(f"the data cannot tell {' and '.join(names)} apart", why, mend)
     root = (right / singular[:, None]).T / norms[:, None]
     covariance, step = root @ root.T, root @ (left.T @ residuals)
     errors = np.sqrt(np.diag(covariance))
@@ -653,9 +651,41 @@ def convert_pressure(
     """
     if "diameter" in fitted:
         why = "The contact force under a pressure is proportional to the diameter"
-        raise InputError(message("the diameter is fitted, and pressures are given", why, "Give contact forces"))
+        raise InputError("the diameter is fitted, and pressures are given", why, "Give contact forces")
     choice = MediumChoice.parse(medium)
     finite = choice.has_finite_overlap(finite_overlap)
     if not finite:  # in the paper's limit the medium does not matter
         choice = MediumChoice("ala")
     return float(choice.stand_in.of(packing).at_pressure(pressure, finite_overlap=finite).force)
+
+
+def convert_cutoff(
+    packing: Packing,
+    branch: str,
+    direction: ArrayLike | None,
+    finite_overlap: bool,
+    fitted: Sequence[str],
+    force: Array,
+    cutoff: Array,
+) -> Array:
+    """Return the velocities of long waves, (n,), m/s, at contact forces, N, that belong to cut-off frequencies, Hz.
+
+    A cut-off is the highest frequency of the branch along the direction, as of :func:`fit_width`. Its ratio to the velocity
+    is that of the lattice of equal balls, which holds in every medium but a simulation.
+
+    Raises :class:`~granphon.base.errors.InputError` if the diameter is among the parameters to be ``fitted``, to which the
+    ratio is proportional, or if the lattice has no such branch.
+    """
+    if "diameter" in fitted:
+        why = "The velocity at a cut-off frequency is proportional to the diameter"
+        raise InputError("the diameter is fitted, and cut-off frequencies are given", why, "Give velocities")
+    waves = Waves(branch, _along(packing, direction), None, finite_overlap)
+    equal = VelocityModel(packing, ("young_modulus",), MediumChoice("ala"), force, waves)
+    own = equal.find_start(packing.width)
+    return np.asarray(cutoff * equal(own)[0] / equal.find_tops(own))
+
+
+def _along(packing: Packing, direction: ArrayLike | None) -> Array:
+    """Return the unit vector (p,) of the direction of sound, by default the lattice's last axis."""
+    periods = packing.structure.periods
+    return one_direction(np.eye(periods)[-1] if direction is None else direction, periods)

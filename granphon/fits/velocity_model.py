@@ -28,10 +28,10 @@ from granphon.balls.hertz import EXPONENT
 from granphon.balls.loads import Load
 from granphon.balls.packing import MINDLIN, Packing
 from granphon.balls.parameters import change_packing
-from granphon.base.errors import InputError, UnreachableFrequencyError, brief, message
+from granphon.base.errors import InputError, UnreachableFrequencyError, brief
 from granphon.base.results import Result
 from granphon.base.text import closest
-from granphon.base.validation import positive, require, truth
+from granphon.base.validation import is_one_of, positive, require, truth
 from granphon.dynamics.branches import follow_acoustic_branches
 from granphon.media.choice import MediumChoice, no_simulation
 from granphon.media.mean_field import AveragedLattice
@@ -84,8 +84,8 @@ class Waves(Result):
     finite_overlap: bool
 
     def __post_init__(self) -> None:
-        if not isinstance(self.branch, str) or self.branch not in _BRANCHES:
-            raise InputError(message(f"unknown branch {brief(self.branch)}", mend="Use " + " or ".join(_BRANCHES[:2])))
+        if not is_one_of(self.branch, _BRANCHES):
+            raise InputError(f"unknown branch {brief(self.branch)}", mend="Use " + " or ".join(_BRANCHES[:2]))
         require("finite_overlap", truth, self.finite_overlap)
         super().__post_init__()
 
@@ -202,18 +202,18 @@ class VelocityModel:
         for name in self.names:
             if name not in VARIABLE:
                 meant = closest(str(name), VARIABLE)
-                mend = f"Did you mean {meant}" if meant else "Use " + ", ".join(VARIABLE)
-                raise InputError(message(f"{name!r} cannot be fitted", mend=mend))
+                mend = f"Did you mean {meant}?" if meant else "Use " + ", ".join(VARIABLE)
+                raise InputError(f"{name!r} cannot be fitted", mend=mend)
         if not self.names or len(set(self.names)) < len(self.names):
             what = f"the parameters are {self.names}"
-            raise InputError(message(what, mend="Give one or more, each at most once"))
+            raise InputError(what, mend="Give one or more, each at most once")
         if self.waves.finite_overlap:
             no_simulation([self.choice])
         self.choice.of(self._sampled if self.choice.is_exact else self.packing)
         known = [name for name in ideal_lattice(self.packing).wave_names if name in _BRANCHES]
         if self.waves.branch not in known:
             what = f"the {self.packing.structure.name} lattice has no {self.waves.branch} wave"
-            raise InputError(message(what, mend="Use " + " or ".join(known) if known else "Use other motions"))
+            raise InputError(what, mend="Use " + " or ".join(known) if known else "Use other motions")
 
     @property
     def width_index(self) -> int | None:
@@ -267,7 +267,7 @@ class VelocityModel:
         if beyond:
             what = f"the balls do not carry the frequency of {beyond} of {len(self.force)} data"
             why = f"{self.equal_balls.describe_nearest_to_top(logs)}, and any spread of diameters lowers that"
-            raise UnreachableFrequencyError(message(what, why, "Check the frequency (Hz)"))
+            raise UnreachableFrequencyError(what, why, "Check the frequency (Hz)")
 
     def describe_nearest_to_top(self, logs: Array) -> str:
         """Describe the pulse whose frequency is nearest to the top of its branch, or farthest above it."""

@@ -50,7 +50,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.distributions import Shape
-from granphon.base.errors import PrecisionError, message
+from granphon.base.errors import PrecisionError
 from granphon.base.results import read_only
 from granphon.base.threads import share_out
 from granphon.dynamics.cluster_response import ClusterResponse
@@ -119,7 +119,7 @@ class PointSource:
                 return sets
             points *= 2
         what = "the cluster medium does not hold balls of so rare a kind"
-        raise PrecisionError(message(what, mend="Use the effective medium, or leave the rarest diameters out"))
+        raise PrecisionError(what, mend="Use the effective medium, or leave the rarest diameters out")
 
     def _draw(self, seed: int | list[int], points: int) -> tuple[Floats, Floats] | None:
         """Draw a set of so many points, or return None if too few are of a rare kind."""
@@ -279,9 +279,7 @@ class ClusterBalance:
                 y, now, slope, force, float(by[3, 3] + by_lattice @ slope), error / force, float(np.std(ball)) / force,
                 float(np.mean(np.concatenate(closed))), realisations, np.asarray(influence, float), matrix,
             )  # fmt: skip
-        raise PrecisionError(
-            message(f"the cluster medium does not settle at an overlap of {y:.6g} widths", mend="Raise the load")
-        )
+        raise PrecisionError(f"the cluster medium does not settle at an overlap of {y:.6g} widths", mend="Raise the load")
 
     def _stiffen(self, slopes: Array, stiffness: float) -> Array:
         """Return the matrices (n, r, r) of second derivatives, from the stiffness of each contact."""
@@ -325,7 +323,7 @@ class ClusterBalance:
             w = w - length[:, None] * step
             self._w[going] = w
         what = f"a cluster finds no equilibrium at an overlap of {y:.6g} widths"
-        raise PrecisionError(message(what, mend="Raise the load"))
+        raise PrecisionError(what, mend="Raise the load")
 
     def _linearise(
         self, y: float, effective: Sequence[float], part: slice

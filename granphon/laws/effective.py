@@ -32,7 +32,7 @@ from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from granphon.balls.distributions import NormalShape, PointShape, Shape, UniformShape
-from granphon.base.errors import PrecisionError, message
+from granphon.base.errors import PrecisionError
 from granphon.base.results import read_only
 from granphon.laws.averages import Block, DensityBalls, PointAverages, PointBalls
 from granphon.laws.spread import FORCE, SLOPE, STIFFNESS, CurveLaw, Series, high_pressure_series
@@ -98,7 +98,7 @@ class EffectiveLaw(CurveLaw):
         if not self.curve.stiffness_vanishes:
             return super()._refuse(what)
         why = "The stiffness is zero there, and equation (36) has no solution at smaller forces"
-        return PrecisionError(message(what, why, "Raise the load"))
+        return PrecisionError(what, why, "Raise the load")
 
 
 # -- the curve --------------------------------------------------------------------------------------------------------
@@ -329,7 +329,7 @@ def solve_curve(
             if force < VALID_FORCE:
                 break
             place = f"an overlap of {float(block.y[0, -1]):.6g} widths"
-            raise PrecisionError(message(f"the effective medium does not converge below {place}", mend="Raise the load"))
+            raise PrecisionError(f"the effective medium does not converge below {place}", mend="Raise the load")
         if np.any(rough):
             finer = [_halve(step) if bad else [step] for step, bad in zip(steps, rough.tolist(), strict=True)]
             pending[-len(steps) :] = [step for piece in reversed(finer) for step in piece]

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.distributions import NormalShape, PointShape, Shape, UniformShape, evaluate_in_blocks
 from granphon.balls.hertz import HertzLaw, high_pressure_overlap
-from granphon.base.errors import InputError, PrecisionError, message
+from granphon.base.errors import InputError, PrecisionError
 from granphon.base.scales import WidthUnits
 
 Array = NDArray[np.float64]
@@ -170,7 +170,7 @@ class SpreadLaw(ABC):
         load = np.asarray(force, float)
         if not np.all(load > 0.0):
             what = "the mean force of the contacts is not above zero"
-            raise InputError(message(what, "Contacts carry no tension, so no single overlap belongs to such a force"))
+            raise InputError(what, "Contacts carry no tension, so no single overlap belongs to such a force")
 
         def near(part: Array) -> Array:
             return self.width * self._find_near_overlap(np.asarray(self._units.reduced_force(part)))
@@ -308,7 +308,7 @@ class CurveLaw(SpreadLaw):
     def _refuse(self, what: str) -> PrecisionError:
         """Return the error that ``what`` is below the curve."""
         why = f"There the {self._medium} is not solved (it is valid from f* = {self._valid_force:g})"
-        return PrecisionError(message(what, why, "Raise the load"))
+        return PrecisionError(what, why, "Raise the load")
 
     def _evaluate_near(self, y: Array, order: int) -> Array:
         closed, curve = y > -self.shape.bounds[1], self.curve
@@ -353,11 +353,9 @@ class AveragedLaw(SpreadLaw):
             wanted = np.log(force)
         if np.any(wanted < logs[0]):
             raise PrecisionError(
-                message(
-                    f"a mean contact force of {float(np.min(force)):.3g} c W^(3/2) is too small",
-                    "So near the first contact an overlap in double precision does not give the force to eight digits",
-                    "Raise the load",
-                )
+                f"a mean contact force of {float(np.min(force)):.3g} c W^(3/2) is too small",
+                "So near the first contact an overlap in double precision does not give the force to eight digits",
+                "Raise the load",
             )
         # the force is convex: from too large an overlap Newton's method descends to the root, past any kink. The index is
         # limited because, just below the start of the series, rounding may put a force beyond the table
@@ -372,9 +370,7 @@ class AveragedLaw(SpreadLaw):
             going[going] = ~small
             if not np.any(going):
                 return y.reshape(np.shape(force))
-        raise PrecisionError(
-            message("the overlap of the averaged force does not converge", mend="Give a less uneven spread")
-        )
+        raise PrecisionError("the overlap of the averaged force does not converge", mend="Give a less uneven spread")
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
         """Return the fraction of pairs that overlap."""

@@ -38,7 +38,7 @@ from granphon.balls.lattices import LATTICES, Lattice
 from granphon.balls.loads import Load
 from granphon.balls.motions import IN_PLANE
 from granphon.balls.packing import Packing
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError
 from granphon.media.equilibria import reduce_load
 from granphon.media.friction_history import REST, FrictionHistory
 
@@ -174,5 +174,5 @@ def accuracy() -> Accuracy:
     """Read the table that comes with the package; it is read once."""
     data = json.loads((files("granphon") / "data" / "accuracy.json").read_text(encoding="utf-8"))
     if data["schema"] != _SCHEMA:
-        raise InputError(message(f"accuracy.json has schema {data['schema']}, not {_SCHEMA}", mend="Install granphon anew"))
+        raise InputError(f"accuracy.json has schema {data['schema']}, not {_SCHEMA}", mend="Install granphon anew")
     return Accuracy(data)

@@ -22,7 +22,7 @@ from granphon.balls.loads import Load
 from granphon.balls.motions import Motions
 from granphon.balls.packing import Packing, given_packing
 from granphon.balls.parameters import KIND_PARAMETERS
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError
 from granphon.base.text import closest, counted
 from granphon.media.crystal import Crystal, CrystalState
 from granphon.media.medium import MediumBase
@@ -120,7 +120,7 @@ class Arrangement:
         """Raise an error unless the crystal has a period."""
         if not self.crystal.periods:
             what, why = "the crystal repeats nowhere", "Scenes compute what waves do along periods"
-            raise InputError(message(what, why, "Take gp.Crystal and gp.Waves, or leave a period"))
+            raise InputError(what, why, "Take gp.Crystal and gp.Waves, or leave a period")
 
     @cached_property
     def crystal(self) -> Crystal:
@@ -136,7 +136,7 @@ class Arrangement:
                 guess = closest(name, balls)
                 what = f"there is no kind of ball {name!r}"
                 mend = f"Did you mean {guess}?" if guess else f"Give one of {', '.join(balls)}"
-                raise InputError(message(what, mend=mend))
+                raise InputError(what, mend=mend)
             return balls[name]
 
         if self.lattice is None:
@@ -147,7 +147,7 @@ class Arrangement:
         if any(ball.spread for ball in found.kinds):
             if self.cut or self.replace or self.remove:
                 what = "a crystal is cut or has defects, and a kind of its balls has a spread"
-                raise InputError(message(what, "Layers would repeat one sample", "Leave one of them out, or use gp.Crystal"))
+                raise InputError(what, "Layers would repeat one sample", "Leave one of them out, or use gp.Crystal")
             return found.sample(self.repeat or None, self.seed)
         if self.repeat:
             found = found.repeat(self.repeat)
@@ -232,7 +232,7 @@ class Arrangement:
             kind, _, own = name.rpartition(".")
             if kind not in self.kind_names or own not in KIND_PARAMETERS:
                 allowed = ", ".join(f"{one}.{parameter}" for one in self.kind_names for parameter in KIND_PARAMETERS)
-                raise InputError(message(f"the crystal has no parameter {name!r}", f"It has {allowed}", "Use one of these"))
+                raise InputError(f"the crystal has no parameter {name!r}", f"It has {allowed}", "Use one of these")
             ball = balls[kind]
             solid = math.isclose(ball.mass, ball.material.ball_mass(ball.diameter), rel_tol=1e-12)
             inner = math.isclose(ball.inertia, 0.1 * ball.mass * ball.diameter**2, rel_tol=1e-12)
@@ -324,7 +324,7 @@ class LoadedCrystal(NetworkStates):
         """
         p = self.packing.structure.periods
         if self.packing.structure.pressed_axes > p:
-            raise InputError(message("a strip or slab has no stress in Pa", mend="Read the forces of its contacts"))
+            raise InputError("a strip or slab has no stress in Pa", mend="Read the forces of its contacts")
         return (-np.trace(self.source.stress, axis1=-2, axis2=-1) / p)[()]
 
     @property

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing, given_packing
-from granphon.base.errors import InputError, brief, message
+from granphon.base.errors import InputError, brief
 from granphon.base.quantities import load_quantities
 from granphon.base.registry import Registry
 from granphon.base.validation import block, choice, number, read_inside, real_number, require
@@ -137,7 +137,7 @@ class AutoMedium(MediumBase[ContactState]):
         """
         packing, truth = self.packing, self.truth
         if (why := accuracy().explain_uncovered(packing, truth)) is not None:
-            raise InputError(message(f"the errors of the media are not known here: {why}", mend="Name a medium"))
+            raise InputError(f"the errors of the media are not known here: {why}", mend="Name a medium")
         options = sort_options(packing, load, truth)
         errors = np.array([option.expected_error(packing, load, truth) for option in options])
         least = np.min(errors, axis=0)
@@ -150,14 +150,12 @@ class AutoMedium(MediumBase[ContactState]):
             what = f"no medium has an expected error of {self.tolerance:g} or less at {where}"
             balls = math.prod(even_shape(structure, SIDES[structure.periods][-1])) * structure.n_balls
             why = f"The smallest expected error there is {least[worst]:.2g}, of a simulation of {balls:,} balls"
-            error = InputError(message(what, why, "Raise the tolerance, or simulate more samples by hand"))
+            error = InputError(what, why, "Raise the tolerance, or simulate more samples by hand")
         else:
             name = "a*" if here.kind == "overlap" else "f*"
             at, lowest = float(reduce_load(packing, here)), accuracy().least(packing, here.kind, truth)
             what = f"the errors of the media are not known at {where}, {name} = {at:.3g}"
-            error = InputError(
-                message(what, f"They are known from {name} = {lowest:g} on", "Raise the load, or name a medium")
-            )
+            error = InputError(what, f"They are known from {name} = {lowest:g} on", "Raise the load, or name a medium")
         error.load_index = worst
         raise error
 
@@ -186,7 +184,7 @@ def register_medium(medium: type[MediumBase[Any]]) -> type[MediumBase[Any]]:
     own = vars(medium) if isinstance(medium, type) and issubclass(medium, MediumBase) else {}
     if not isinstance(own.get("name"), str):
         mend = "Give a subclass of granphon.LawMedium with a name of its own"
-        raise InputError(message(f"{brief(medium)} is no medium", mend=mend))
+        raise InputError(f"{brief(medium)} is no medium", mend=mend)
     if "words" not in own:
         medium.words = own["name"]
     return MEDIA.add(own["name"], medium)
@@ -351,20 +349,20 @@ class MediumChoice:
         """Raise :class:`~granphon.base.errors.InputError` for an :class:`AutoMedium`, with which ``what`` cannot be done."""
         if self.name == AutoMedium.name:
             why = "It chooses another medium at each load and width"
-            raise InputError(message(f"the medium {self.label!r} cannot be used in {what}", why, "Name a medium"))
+            raise InputError(f"the medium {self.label!r} cannot be used in {what}", why, "Name a medium")
 
     def require_arrays(self, what: str) -> None:
         """Raise :class:`~granphon.base.errors.InputError` unless it simulates arrays, as ``what`` is asked of these."""
         if not self.simulates:
             said = f"{what} is asked for, and the medium {self.label!r} has no balls that it runs through"
-            raise InputError(message(said, mend="Take medium: simulation, or in Python gp.Waves of a state's network"))
+            raise InputError(said, mend="Take medium: simulation, or in Python gp.Waves of a state's network")
 
     def require_for(self, balls: Balls) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if it is no medium of these balls, of one kind or of several."""
         if bool(balls.kind_names) != (self.name == CrystalMedium.name):
             several, mend = "balls of several kinds", f"Take {default_medium(balls)}"
             why = f"{several.capitalize()} have the medium {CrystalMedium.name} alone, and no others have it"
-            raise InputError(message(f"the medium is {self.label!r}", why, mend))
+            raise InputError(f"the medium is {self.label!r}", why, mend)
 
     def of(self, packing: Balls) -> MediumBase[Any]:
         """Return the medium for this packing."""

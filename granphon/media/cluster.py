@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from granphon.balls.packing import Packing
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError
 from granphon.base.validation import whole, whole_number
 from granphon.dynamics.cluster_response import ClusterResponse, cluster_response, cluster_sizes
 from granphon.laws.cluster import VALID_FORCE, ClusterLaw
@@ -55,7 +55,7 @@ class ClusterMedium(LawMedium):
         given = sizes[0] if self.balls is None else whole_number("balls", self.balls, 2)
         if given not in sizes:
             what = f"balls is {given}, and no shell of the {self.packing.structure.name} lattice completes so many"
-            raise InputError(message(what, mend="Give " + " or ".join(map(str, sizes))))
+            raise InputError(what, mend="Give " + " or ".join(map(str, sizes)))
         if self.balls == sizes[0]:
             object.__setattr__(self, "balls", None)
 

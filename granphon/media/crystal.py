@@ -30,7 +30,7 @@ from granphon.balls.lattices import LATTICES, Lattice
 from granphon.balls.layers import Layers, find_faces, read_edges
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.balls.packing import MINDLIN, read_rolling, require_shallow
-from granphon.base.errors import InputError, brief, message
+from granphon.base.errors import InputError, brief
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
@@ -143,29 +143,29 @@ class Crystal(Result):
         vectors = real_array("cell", cell)
         if places.ndim != 2 or not len(places) or not 1 <= places.shape[1] <= 3:
             what = f"positions of the crystal have the shape {places.shape}"
-            raise InputError(message(what, mend="Give (n, d) centres in m, d = 1, 2 or 3"))
+            raise InputError(what, mend="Give (n, d) centres in m, d = 1, 2 or 3")
         n, d = places.shape
         vectors = vectors.reshape(0, d) if vectors.size == 0 else vectors
         if vectors.ndim != 2 or vectors.shape[1] != d or len(vectors) > d:
             what = f"the cell has the shape {vectors.shape}, and positions have {d} coordinates"
-            raise InputError(message(what, mend=f"Give up to {d} vectors of {d} numbers, as rows, in m"))
+            raise InputError(what, mend=f"Give up to {d} vectors of {d} numbers, as rows, in m")
         if not (np.all(np.isfinite(places)) and np.all(np.isfinite(vectors))):
-            raise InputError(message("the cell or a position of the crystal is not finite"))
+            raise InputError("the cell or a position of the crystal is not finite")
         given = list_balls(balls)
         if len(given) != n:
-            raise InputError(message(f"there are {len(given)} balls and {n} positions", mend="Give one ball for each site"))
+            raise InputError(f"there are {len(given)} balls and {n} positions", mend="Give one ball for each site")
         kinds, kind = find_kinds(given)
         p, radii = len(vectors), np.array([ball.radius for ball in kinds])[kind]
         mean = float(np.mean(radii))
         if np.any(np.abs(vectors[:, p:]) > TOUCH * mean):
             where = ("", "along x", "in the xy plane", "")[p]
-            raise InputError(message(f"the cell of crystal {name!r} does not lie {where}", mend="Turn the crystal"))
+            raise InputError(f"the cell of crystal {name!r} does not lie {where}", mend="Turn the crystal")
         if p and not abs(np.linalg.det(vectors[:, :p] / mean)) > 1e-3:
             what = f"the cell of crystal {name!r} has no room for a ball"
             why = f"Its vectors are too short for balls of {2.0 * mean:.4g} m, or not independent"
-            raise InputError(message(what, why, "Give lengths in m"))
+            raise InputError(what, why, "Give lengths in m")
         if p == 0 and n == 1:
-            raise InputError(message("a single ball without a period touches nothing", mend="Give a cell"))
+            raise InputError("a single ball without a period touches nothing", mend="Give a cell")
         contacts = find_contacts(vectors, places, name, radii)
         read = read_rolling(f"the crystal {name!r}", d, motions, torsion, bending)
         self._set(
@@ -233,7 +233,7 @@ class Crystal(Result):
             sites = counted(structure.n_balls, "site")
             what = f"{counted(len(given), 'kind')} of balls do not go on the {sites} in a cell of {structure.name}"
             mend = "Give a lattice that has a multiple, such as NaCl or CsCl for two kinds, or cell and positions"
-            raise InputError(message(what, "Kinds follow each other on the sites of one cell", mend))
+            raise InputError(what, "Kinds follow each other on the sites of one cell", mend)
         balls_on = [given[site % len(given)] for site in range(structure.n_balls)]
         radii, table = np.array([ball.radius for ball in balls_on]), structure.contacts
         apart = radii[table.i] + radii[table.j]
@@ -243,7 +243,7 @@ class Crystal(Result):
             pairs = [f"those of sites {table.i[at]} and {table.j[at]} at {apart[at]:.6g} m" for at in (low, high)]
             said = f"Centres would be apart: {pairs[0]}, {pairs[1]}"
             what = f"balls of these sizes cannot all touch on the {structure.name} lattice"
-            raise InputError(message(what, said, "Give balls of one size, or cell and positions at which they touch"))
+            raise InputError(what, said, "Give balls of one size, or cell and positions at which they touch")
         cell = scale * structure.vectors
         if len(given) == structure.n_balls == 2:
             require_fit(given, cell, structure.name)
@@ -260,13 +260,13 @@ class Crystal(Result):
         Raises :class:`~granphon.base.errors.InputError` for a symbol without a ball, and for what the class does not allow.
         """
         if not all(hasattr(atoms, name) for name in ("positions", "cell", "pbc", "get_chemical_symbols")):
-            raise InputError(message(f"{brief(atoms)} are not Atoms", mend="Give ase.Atoms, with lengths in m"))
+            raise InputError(f"{brief(atoms)} are not Atoms", mend="Give ase.Atoms, with lengths in m")
         symbols = atoms.get_chemical_symbols()
         if not symbols or not isinstance(balls, Mapping):
             what = f"the balls are {brief(balls)}" if symbols else "there are no atoms"
-            raise InputError(message(what, mend='Give balls by symbols, as {"Na": ball}' if symbols else "Give one or more"))
+            raise InputError(what, mend='Give balls by symbols, as {"Na": ball}' if symbols else "Give one or more")
         if missing := sorted(set(symbols) - set(balls)):
-            raise InputError(message(f"there is no ball for {', '.join(missing)}", mend="Give one for each symbol"))
+            raise InputError(f"there is no ball for {', '.join(missing)}", mend="Give one for each symbol")
         find_kinds([balls[symbol] for symbol in symbols])
         named = {symbol: replace(balls[symbol], name=symbol) for symbol in sorted(set(symbols))}
         places, cell = np.array(atoms.positions, float), np.array(atoms.cell, float)[np.array(atoms.pbc, bool)]
@@ -282,7 +282,7 @@ class Crystal(Result):
         Balls come in the order of cells, ball by ball of each cell, with the last period fastest.
         """
         if not self.periods:
-            raise InputError(message(f"crystal {self.name!r} has no period along which it could be repeated"))
+            raise InputError(f"crystal {self.name!r} has no period along which it could be repeated")
         full = require("shape", lambda value: lengths(value, 1, _MOST_CELLS, self.periods), shape)
         _require_room(math.prod(full) * self.n_balls)
         table, n = self.contacts, self.n_balls
@@ -316,13 +316,11 @@ class Crystal(Result):
             if given.ndim != p + (n > 1) or (n > 1 and given.shape[-1] != n) or shape is not None:
                 wanted = ", ".join([*(f"L{axis + 1}" for axis in range(p)), *[str(n)] * (n > 1)])
                 what = f"diameters have the shape {given.shape}, and shape is {brief(shape)}"
-                raise InputError(message(what, mend=f"Give an array ({wanted}), and no shape"))
+                raise InputError(what, mend=f"Give an array ({wanted}), and no shape")
             shape = given.shape[:p]
         elif not any(ball.spread for ball in self.kinds):
             what = f"no ball of crystal {self.name!r} has a spread of diameters"
-            raise InputError(
-                message(what, mend="Give one to a ball, as granphon.Ball(material, 8e-3, spread=...), or diameters")
-            )
+            raise InputError(what, mend="Give one to a ball, as granphon.Ball(material, 8e-3, spread=...), or diameters")
         full = tuple(np.atleast_1d(np.asarray((1,) * p if shape is None else shape)).tolist())
         other = self.repeat(full) if p or full else self
         off = np.zeros(other.n_balls) if given is None else given.ravel().astype(float)
@@ -334,7 +332,7 @@ class Crystal(Result):
             off[own] -= np.mean(off[own])
             off[own] -= np.mean(off[own])
             if (least := ball.diameter + float(np.min(off[own]))) <= 0.0:
-                raise InputError(message(f"the smallest ball has a diameter of {least:g} m", mend="Give a smaller spread"))
+                raise InputError(f"the smallest ball has a diameter of {least:g} m", mend="Give a smaller spread")
         return other._derive(deviations=off)
 
     def replace(self, index: Any, ball: Ball) -> Self:
@@ -345,14 +343,12 @@ class Crystal(Result):
         at = self._read_balls(index)
         given = list(self.balls)
         if not isinstance(ball, Ball):
-            raise InputError(message(f"{brief(ball)} is not a ball", mend="Give a granphon.Ball"))
+            raise InputError(f"{brief(ball)} is not a ball", mend="Give a granphon.Ball")
         for one in at.tolist():
             if abs(ball.radius - given[one].radius) > 0.5 * TOUCH * ball.radius:
                 what = f"ball {one} has the radius {given[one].radius:.9g} m, and the new one {ball.radius:.9g} m"
                 why = "Its neighbours would overlap or miss it"
-                raise InputError(
-                    message(what, why, "Give a ball of the same size, or a new crystal from cell and positions")
-                )
+                raise InputError(what, why, "Give a ball of the same size, or a new crystal from cell and positions")
             given[one] = ball
         kinds, kind = find_kinds(given)
         known = dict(zip(self.kinds, self.names, strict=True))
@@ -369,11 +365,11 @@ class Crystal(Result):
         known = dict(zip(self.names, self.kinds, strict=True))
         for name, ball in balls.items():
             if name not in known:
-                raise InputError(message(f"there is no kind of ball {name!r}", mend=f"Give one of {', '.join(known)}"))
+                raise InputError(f"there is no kind of ball {name!r}", mend=f"Give one of {', '.join(known)}")
             if ball.diameter != known[name].diameter:
                 what = f"balls {name!r} of {ball.diameter:g} m do not touch their neighbours where those of "
                 why = "Only on a named lattice places follow from diameters"
-                raise InputError(message(f"{what}{known[name].diameter:g} m lie", why, "Make the crystal anew"))
+                raise InputError(f"{what}{known[name].diameter:g} m lie", why, "Make the crystal anew")
         return self._derive(kinds=tuple((known | dict(balls)).values()))
 
     def remove(self, index: Any) -> Self:
@@ -381,7 +377,7 @@ class Crystal(Result):
         kept = np.ones(self.n_balls, bool)
         kept[self._read_balls(index)] = False
         if not np.any(kept):
-            raise InputError(message("no ball is left"))
+            raise InputError("no ball is left")
         place, table, origin = np.cumsum(kept) - 1, self.contacts, np.flatnonzero(kept)
         rows = np.flatnonzero(kept[table.i] & kept[table.j])
         contacts = table.take(rows, place[table.i[rows]], place[table.j[rows]], table.shift[rows])
@@ -393,7 +389,7 @@ class Crystal(Result):
         at = np.atleast_1d(np.asarray(index))
         if at.dtype.kind not in "iu" or at.ndim != 1 or np.any((at < 0) | (at >= self.n_balls)):
             what = f"{brief(index)} is not the number of a ball"
-            raise InputError(message(what, mend=f"Give whole numbers from 0 to {self.n_balls - 1}"))
+            raise InputError(what, mend=f"Give whole numbers from 0 to {self.n_balls - 1}")
         return np.unique(at).astype(np.intp)
 
     def cut(self, axis: Any, layers: int, edges: Any = "free") -> Self:
@@ -436,11 +432,9 @@ class Crystal(Result):
         n, p, table = self.n_balls, self.periods, self.contacts
         if not all(at.size for face in self.faces for at in face.balls):
             what, why = f"no ball is left at a face of crystal {self.name!r}", "It could be neither held nor pressed there"
-            raise InputError(message(what, why, "Remove balls first, and cut then"))
+            raise InputError(what, why, "Remove balls first, and cut then")
         if not self.n_contacts:
-            raise InputError(
-                message(f"no balls of crystal {self.name!r} touch", mend="Give more layers, or remove fewer balls")
-            )
+            raise InputError(f"no balls of crystal {self.name!r} touch", mend="Give more layers, or remove fewer balls")
         i, j, shift = [table.i], [table.j], [table.shift]
         held = [at for face in self.faces for word, at in zip(face.edges, face.balls, strict=True) if word != "free"]
         if held:  # a wall extends along all periods
@@ -451,7 +445,7 @@ class Crystal(Result):
         ends = np.concatenate([*i, *j])
         count = n + bool(held)
         if (alone := np.setdiff1d(np.arange(count), ends)).size:
-            raise InputError(message(f"ball {alone[0]} of crystal {self.name!r} touches no other", mend="Remove it too"))
+            raise InputError(f"ball {alone[0]} of crystal {self.name!r} touches no other", mend="Remove it too")
         require_joined(
             np.concatenate(i), np.concatenate(j), np.concatenate(shift), count, p, f"crystal {self.name!r}",
             mend="Remove one of them, or give more layers",
@@ -529,7 +523,7 @@ class Crystal(Result):
             if face.is_held:
                 return np.asarray((-1.0 if face.edges[0] != "free" else 1.0) * np.eye(self.dimension)[face.axis])
         what = f"nothing holds crystal {self.name!r} against gravity"
-        raise InputError(message(what, mend='Cut it with a floor or clamp: c.cut(axis, layers, ("floor", "free"))'))
+        raise InputError(what, mend='Cut it with a floor or clamp: c.cut(axis, layers, ("floor", "free"))')
 
     @cached_property
     def masses(self) -> Array:
@@ -575,7 +569,7 @@ class Crystal(Result):
                 missing = [f"({a!r}, {b!r})" for _, _, a, b in pairs if frozenset((a, b)) not in laws_of]
                 what = f"law has none for contacts of {', '.join(missing)}"
                 why = f"It has {brief([tuple(pair) for pair, _ in given])}"
-                raise InputError(message(what, why, "Give one for each pair of kinds that touch"))
+                raise InputError(what, why, "Give one for each pair of kinds that touch")
             found = law_between(law, ball, other)
             if id(found) not in checked:
                 check_law(found, ContactConstants.of(ball, other).radius)
@@ -606,7 +600,7 @@ class Crystal(Result):
         """
         if self.deviations is None and any(ball.spread is not None and ball.spread.rms for ball in self.kinds):
             what = f"balls of crystal {self.name!r} have a spread of diameters, and none are drawn"
-            raise InputError(message(what, "Each ball is simulated by itself", "Draw them: crystal.sample((8, 8), seed=0)"))
+            raise InputError(what, "Each ball is simulated by itself", "Draw them: crystal.sample((8, 8), seed=0)")
         n, d, p, table = self.n_balls, self.dimension, self.periods, self.contacts
         radii, bulges = self._mean_radii, self._bulges
         place, rider = np.zeros(n, np.intp), np.full(n, -1, np.intp)
@@ -690,10 +684,10 @@ class Crystal(Result):
         adhere = self._springs.adhere
         if np.any(values < 0.0) and not adhere:
             what = f"pressure is {brief(values.tolist())}: tensile"
-            raise InputError(message(what, "One-sided contacts carry no tension", "Give a pressure above zero"))
+            raise InputError(what, "One-sided contacts carry no tension", "Give a pressure above zero")
         if field is None and np.any(values == 0.0) and not adhere:
             why = "Balls that only touch have no stiffness, and carry no sound"
-            raise InputError(message("pressure is zero", why, "Press them, or give gravity and a floor"))
+            raise InputError("pressure is zero", why, "Press them, or give gravity and a floor")
         return self._solve_each(
             values, lambda one: self._push_hydrostatic(one, field, f"a pressure of {one:g}"), finite_overlap
         )
@@ -766,7 +760,7 @@ class Crystal(Result):
         values = self._read_tensor("strain", strain, 0.5)
         if (least := float(np.min(np.linalg.eigvalsh(values)))) <= -1.0:
             what = f"strain shortens crystal {self.name!r} by {-least:.4g} of its length"
-            raise InputError(message(what, "Nothing would be left of it", "Give a strain above -1"))
+            raise InputError(what, "Nothing would be left of it", "Give a strain above -1")
         field = self._read_gravity(gravity)
 
         def push(one: Array) -> Push:
@@ -783,20 +777,18 @@ class Crystal(Result):
         """Return tensors (..., p, p), from these or from Voigt's order, in which shears count by the factor ``shear``."""
         p = self.periods
         if not p:
-            raise InputError(
-                message(f"crystal {self.name!r} has no period that a {name} could act on", mend="Give a pressure")
-            )
+            raise InputError(f"crystal {self.name!r} has no period that a {name} could act on", mend="Give a pressure")
         given = finite_array(name, values)
         voigt = {1: ((0, 0),), 2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))}[p]
         if p == 1 and given.ndim == 0:
             given = given[None]
         if given.shape[-2:] == (p, p):
             if np.any(np.abs(given - np.swapaxes(given, -1, -2)) > 1e-12 * np.max(np.abs(given))):
-                raise InputError(message(f"{name} is not symmetric", mend="Give a symmetric matrix"))
+                raise InputError(f"{name} is not symmetric", mend="Give a symmetric matrix")
             return given
         if given.shape[-1:] != (len(voigt),):
             what = f"{name} has the shape {given.shape}"
-            raise InputError(message(what, mend=f"Give ({p}, {p}), or ({len(voigt)},) in Voigt order, or an array of these"))
+            raise InputError(what, mend=f"Give ({p}, {p}), or ({len(voigt)},) in Voigt order, or an array of these")
         out = np.zeros((*given.shape[:-1], p, p))
         for number, (a, b) in enumerate(voigt):
             out[..., a, b] = out[..., b, a] = given[..., number] * (1.0 if a == b else shear)
@@ -810,7 +802,7 @@ class Crystal(Result):
         field = field[None] if d == 1 and field.ndim == 0 else field
         if field.shape != (d,):
             what = f"gravity has the shape {field.shape}"
-            raise InputError(message(what, mend=f"Give its {counted(d, 'component')}, m/s^2, as (0, -9.81) in a plane"))
+            raise InputError(what, mend=f"Give its {counted(d, 'component')}, m/s^2, as (0, -9.81) in a plane")
         if not np.any(field):
             return None
         across = np.abs(field) > 1e-12 * np.max(np.abs(field))
@@ -820,7 +812,7 @@ class Crystal(Result):
                 where = "repeats" if axis < p else "stands on nothing"
                 what = f"gravity acts along {'xyz'[axis]}, where crystal {self.name!r} {where}"
                 mend = 'Cut it, and let it stand: crystal.cut(axis, layers, edges=("floor", "free"))'
-                raise InputError(message(what, "Nothing holds the balls there", mend))
+                raise InputError(what, "Nothing holds the balls there", mend)
         return np.asarray(field)
 
     def _weigh(self, field: Array | None) -> Array:
@@ -888,7 +880,7 @@ class Crystal(Result):
             if self._springs.adhere:
                 why = "A mean of contacts that adhere has no one pressure there"
                 mend = "Use at_pressure, which may be zero or below"
-            raise InputError(message(f"{kind} is {word}", why, mend))
+            raise InputError(f"{kind} is {word}", why, mend)
         follows = read_finite_overlap(finite_overlap)
         frame, springs = self._frame[0], self._springs
         with _in_double_precision(given):
@@ -897,7 +889,7 @@ class Crystal(Result):
 
     def _require_pressable(self) -> None:
         if not (self.periods or self.faces):
-            raise InputError(message(f"crystal {self.name!r} has neither periods nor faces to press on", mend="Give a cell"))
+            raise InputError(f"crystal {self.name!r} has neither periods nor faces to press on", mend="Give a cell")
 
     def _find_mean(
         self, kind: str, goal: float, field: Array | None, follows: bool, frame: Frame, springs: Springs
@@ -912,22 +904,26 @@ class Crystal(Result):
         pressure = size * float(np.sum(frame.distance)) / (dimension * area)
         low, high = 0.0, math.inf
         start: Rest | None = None
+        rest: Rest | None = None
         last, before = math.inf, (0.0, math.nan)
         differ = bool(np.any(frame.offset))
         enough = _SAMPLED if differ else _MEAN
         for _ in range(_MEANS):
             push = self._push_hydrostatic(pressure, field, f"{words} {pressure:.6g}")
             small = settle(frame, springs, push, start)
-            rest = settle_exactly(frame, springs, push, small) if follows else small
+            # from the last one where balls differ: their mean would jump with the places of loose balls
+            rest = settle_exactly(frame, springs, push, rest if differ and rest else small) if follows else small
             force = springs.force(rest.overlap)
             stiffness = springs.stiffness(rest.overlap)
             loaded = (stiffness > 0.0 if springs.adhere else force != 0.0) | differ
             if not np.any(loaded):
                 what = f"all contacts are open under {words} {pressure:.6g}"
-                raise InputError(message(what, "Those that adhere have come apart", f"Give a larger {kind}"))
+                raise InputError(what, "Those that adhere have come apart", f"Give a larger {kind}")
             mean = float(np.mean((force if kind == "force" else rest.overlap)[loaded]))
             off = mean / goal - 1.0
             rounded = 1e-13
+            if differ:  # loose balls leave more, of the parts of the mean
+                rounded = 10.0 * _SAMPLED * max(1.0, float(np.mean(np.abs(rest.overlap)) / np.abs(np.mean(rest.overlap))))
             if springs.adhere:  # the mean may be small against its parts, attraction and repulsion
                 parts = np.abs(stiffness * rest.overlap if kind == "force" else force / np.where(loaded, stiffness, np.inf))
                 rounded *= max(1.0, float(np.mean(parts[loaded])) / goal)
@@ -955,7 +951,7 @@ class Crystal(Result):
         why = f"At a pressure of {pressure:.4g} it is {mean:.4g}" + (
             ", as gravity presses more" if field is not None else ""
         )
-        raise InputError(message(what, why, "Give a larger one" if field is not None else ""))
+        raise InputError(what, why, "Give a larger one" if field is not None else "")
 
     def _solve_each(self, values: Array, make: Any, finite_overlap: bool | None, rank: int = 0) -> CrystalState:
         """Return the state at each load: ``make`` makes the load of a value, or of a tensor of ``rank`` 2."""
@@ -1052,11 +1048,11 @@ class CrystalState(Result):
     def __getitem__(self, index: Any) -> CrystalState:
         """Return the state at some of the loads, indexed like an array."""
         if self.is_single:
-            raise InputError(message("the state has one load, and no index", mend="Use it as it is"))
+            raise InputError("the state has one load, and no index", mend="Use it as it is")
         count, axes = int(np.prod(self.shape)), len(self.shape)
         where = np.arange(count).reshape(self.shape)[index]
         if not np.size(where):
-            raise InputError(message(f"the index {brief(index)} selects none of the loads", mend="Select one or more"))
+            raise InputError(f"the index {brief(index)} selects none of the loads", mend="Select one or more")
         chosen: dict[str, Any] = {}
         for name in _PER_LOAD:
             array = getattr(self, name)
@@ -1117,7 +1113,7 @@ class CrystalState(Result):
             each = 0.5 * (force[live] / k[live]) * (slope[live] / k[live])
             if np.ptp(each) > _SAME_EXPONENT:
                 what = f"the exponents of contacts differ, from {np.min(each):.6g} to {np.max(each):.6g}"
-                raise InputError(message(what, "Their laws are not one power", "Compare the velocities at two loads"))
+                raise InputError(what, "Their laws are not one power", "Compare the velocities at two loads")
             found[at] = np.mean(each)
         return found[()]
 
@@ -1132,11 +1128,9 @@ class CrystalState(Result):
     def _require_single(self) -> None:
         if not self.is_single:
             raise InputError(
-                message(
-                    f"the state holds {int(np.prod(self.shape))} loads",
-                    "A network, atoms and phonons belong to one",
-                    "Make a state with one load, as crystal.at_pressure(1e5) does, or take one of these: state[0]",
-                )
+                f"the state holds {int(np.prod(self.shape))} loads",
+                "A network, atoms and phonons belong to one",
+                "Make a state with one load, as crystal.at_pressure(1e5) does, or take one of these: state[0]",
             )
 
     @cached_property
@@ -1244,7 +1238,7 @@ class CrystalState(Result):
 def _require_room(balls: int) -> None:
     """Raise :class:`~granphon.base.errors.InputError` for a crystal that does not fit into memory."""
     if balls > _MOST_BALLS:
-        raise InputError(message(f"the crystal would have {balls:,} balls", mend=f"Make it of up to {_MOST_BALLS:,}"))
+        raise InputError(f"the crystal would have {balls:,} balls", mend=f"Make it of up to {_MOST_BALLS:,}")
 
 
 @contextmanager
@@ -1255,7 +1249,7 @@ def _in_double_precision(values: Array) -> Iterator[None]:
             yield
     except FloatingPointError:
         what = f"a crystal under a load of {brief(values.tolist())} is beyond double precision"
-        raise InputError(message(what, mend="Lower the load, or compare the units")) from None
+        raise InputError(what, mend="Lower the load, or compare the units") from None
 
 
 def _read_law(law: Any) -> Any:
@@ -1264,7 +1258,7 @@ def _read_law(law: Any) -> Any:
         return Hertz() if law is None else find_law(law)
     for key in law:
         if not (isinstance(key, tuple) and len(key) == 2 and all(isinstance(one, str) for one in key)):
-            raise InputError(message(f"law has the key {brief(key)}", mend='Give pairs of names, as ("A", "B")'))
+            raise InputError(f"law has the key {brief(key)}", mend='Give pairs of names, as ("A", "B")')
         if key[::-1] in law and law[key] != law[key[::-1]]:
-            raise InputError(message(f"law has two laws for contacts of {key}", mend="Give one, in either order"))
+            raise InputError(f"law has two laws for contacts of {key}", mend="Give one, in either order")
     return tuple((pair, find_law(one)) for pair, one in law.items())

@@ -32,7 +32,7 @@ from granphon.array.equilibrium import CARRIED_FORCE
 from granphon.array.krylov import conjugate_gradients
 from granphon.array.sparse_matrices import factorise
 from granphon.balls.contact_laws import PairLaw, opening_overlap
-from granphon.base.errors import ConvergenceError, InputError, InstabilityError, MechanismError, message
+from granphon.base.errors import ConvergenceError, InputError, InstabilityError, MechanismError
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -42,7 +42,8 @@ _TOLERANCE, _REQUIRED = 2e-15, 1e-12
 _ITERATED = 3e-13
 #: largest number of steps of Newton's method, and of slopes in a line search
 _STEPS, _SLOPES = 200, 60
-#: steps in the true geometry without half of the residual
+#: steps in the true geometry without half of the residual, after which balls that differ move together, and four times
+#: as many
 _PATIENT = 20
 #: most saddles of the energy on the way, and doublings of the displacement with which the way down from one begins
 _SADDLES, _DOUBLINGS = 50, 6
@@ -295,7 +296,7 @@ def settle(frame: Frame, springs: Springs, push: Push, start: Rest | None = None
                 raise _explain(frame, springs, push)
             if np.any(springs.stiffness(overlap) > 0.0):  # bonds
                 return Rest(x, overlap, frame.vector / frame.distance[:, None])
-            raise InputError(message(f"{push.words} presses nothing", "Contacts have no stiffness without a force"))
+            raise InputError(f"{push.words} presses nothing", "Contacts have no stiffness without a force")
         with np.errstate(all="ignore"):
             while not np.all(np.isfinite(at := springs.overlap(size))) and size[0] > 1e-300:
                 size = 0.5 * size  # a law may have a largest force
@@ -346,7 +347,7 @@ def _descend(
         if springs.adhere and isinstance(error, ConvergenceError):
             at = int(np.argmin(overlap - springs.least))
             why = f"It bears a tension of up to {springs.tension[at]:.6g} N"
-            error = InputError(message(f"{push.words} pulls contact {at} apart", why, "Press the crystal more"))
+            error = InputError(f"{push.words} pulls contact {at} apart", why, "Press the crystal more")
         raise error
     return *kept, best
 
@@ -696,9 +697,12 @@ def settle_exactly(frame: Frame, springs: Springs, push: Push, start: Rest) -> R
     (:mod:`granphon.array.true_equilibrium`), these loose balls are brought to rest first, while the others are held: in
     clusters of those that touch, each with steps of its own length, and with the other sign of -f/r, by which a step is
     about as long as a ball is far from the line between two others. Newton's method for all follows, and so on in turn.
-    Where balls are at rest but the energy is not least, they go downhill along the softest motion.
+    A step that would raise the energy is replaced by one downhill, and where neither the loose balls nor the others let each
+    other come to rest, all move together. Where balls are at rest but the energy is not least, they go downhill along the
+    softest motion.
 
-    Raises :class:`~granphon.base.errors.InstabilityError` if there is none near it, and
+    Raises :class:`~granphon.base.errors.InstabilityError` if there is none near it,
+    :class:`~granphon.base.errors.ConvergenceError` if balls that differ do not come to rest, and
     :class:`~granphon.base.errors.MechanismError` if balls differ and some of their motions, while all touch, cost no energy.
     """
     if not (np.any(start.overlap) or np.any(push.force)):
@@ -712,11 +716,11 @@ def settle_exactly(frame: Frame, springs: Springs, push: Push, start: Rest) -> R
         if system.is_floppy:
             what = f"balls that differ do not come to rest in the true geometry under {push.words}"
             why = "The crystal does not stand without friction: motions in which no contact is pressed cost no energy"
-            raise MechanismError(message(what, why, f"{_STAY}; or take a crystal with more contacts, such as fcc"))
+            raise MechanismError(what, why, f"{_STAY}; or take a crystal with more contacts, such as fcc")
         ratio = float(np.max(np.abs(frame.offset)) / np.mean(frame.distance))
         loose = here.touch.T @ (here.force > _LIGHT * here.mean) <= frame.dimension
     for _ in range(_STEPS):
-        if here.is_sound and np.any(loose):
+        if here.is_sound and np.any(loose) and stalled <= _PATIENT:
             others = float(np.max(here.on_balls, where=~loose, initial=0.0)) / here.mean
             here = here.lead(loose, max(_TOLERANCE, _OF_LOOSE * min(ratio, others)))
         if not here.is_sound:
@@ -732,18 +736,22 @@ def settle_exactly(frame: Frame, springs: Springs, push: Push, start: Rest) -> R
                 return kept if springs.adhere else replace(kept, overlap=_open_light(springs, kept))
             here, best, stalled, saddles = down, math.inf, 0, saddles + 1
             continue
-        if stalled > _PATIENT or not np.any(here.stiffness):
+        if stalled > (4 if differ else 1) * _PATIENT or not np.any(here.stiffness):
             break
-        before, there = here.residual, here.at(here.x + here.find_step(system, 1.0))
-        if differ:
-            if not (there.is_sound and there.residual < _TOO_FAR):
+        before, step = here.residual, here.find_step(system, 1.0)
+        there = here.at(here.x + step)
+        if differ:  # steps up the energy would go round in circles, or back to a saddle: the slopes at both ends tell
+            falls = there.is_sound and here.pull @ step > 0.0 and (here.pull + there.pull) @ step >= 0.0
+            if not (falls and there.residual < _TOO_FAR):
                 there = here.search(here.find_step(system, -1.0))
             loose = loose | (there.on_balls > _FAILED * before * there.mean)
         here = there
-    why, mend = "Its contacts turn away under the load, and nothing holds it", "Lower the load, or add contacts"
     if differ:
-        mend = f"{_STAY}; or press balls more that are loose"
-    raise InstabilityError(message(f"the crystal collapses under {push.words}", why, mend))
+        what = f"balls that differ have not come to rest in the true geometry under {push.words}"
+        left = f"A force of {best:.2g} of the mean is left on a ball"
+        raise ConvergenceError(what, left, f"{_STAY}; or press loose balls more")
+    why, mend = "Its contacts turn away under the load, and nothing holds it", "Lower the load, or add contacts"
+    raise InstabilityError(f"the crystal collapses under {push.words}", why, mend)
 
 
 def _open_light(springs: Springs, rest: Rest) -> Array:
@@ -826,10 +834,10 @@ def _explain(
         if springs.adhere:
             why = "No forces along the lines of the centres, up to the tension that contacts bear, add up to it"
         mend = mend or "Press the crystal from the sides too, or give another load"
-        return InputError(message(what, *(push.lifted or (why, mend))))
+        return InputError(what, *(push.lifted or (why, mend)))
     if opened:
         return InputError(
-            message(f"all contacts are open under {push.words}", "Balls that do not touch have no stiffness", "Press them")
+            f"all contacts are open under {push.words}", "Balls that do not touch have no stiffness", "Press them"
         )
     size = typical_force(frame, push, springs)
     with np.errstate(all="ignore"):
@@ -838,7 +846,7 @@ def _explain(
     if not np.all(np.isfinite(reached)):
         why = f"They are about {size:.4g} N, and the law has no overlap at that force"
         mend = "Lower the load, or give a law whose force grows on"
-        return InputError(message(f"a contact law does not reach the forces under {push.words}", why, mend))
+        return InputError(f"a contact law does not reach the forces under {push.words}", why, mend)
     loads = np.abs(push.force * frame.weights)
     for what, values, most in (
         ("the stiffnesses of contacts", stiffness, _MOST_STIFF), ("the forces of the load on balls", loads, _MOST_FORCES),
@@ -846,6 +854,6 @@ def _explain(
         if np.any(values) and (apart := float(np.max(values) / np.min(values[values > 0.0]))) > most:
             what = f"the crystal has not come to rest under {push.words}, where {what} differ by a factor of {apart:.2g}"
             why = f"A factor of up to {most:g} can be told from rounding"
-            return InputError(message(what, why, "Compare the units, or leave the smaller ones out"))
+            return InputError(what, why, "Compare the units, or leave the smaller ones out")
     left = "" if residual is None else f"A force of {residual:.2g} of the mean is left on a ball"
-    return ConvergenceError(message(f"the crystal has not come to rest under {push.words}", left))
+    return ConvergenceError(f"the crystal has not come to rest under {push.words}", left)

@@ -15,7 +15,7 @@ from granphon.array.true_equilibrium import equilibrate_exactly
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
-from granphon.base.errors import GranphonError, InputError, message
+from granphon.base.errors import GranphonError, InputError
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.medium import explain_untouched
 
@@ -57,7 +57,7 @@ def require_load(packing: Packing, load: Load, largest: float) -> None:
         if least < THRESHOLD_FORCE:  # no threshold of rigidity is on a line
             what = f"a contact force of f* = {least:.3g} is below {THRESHOLD_FORCE:g}, the least that is simulated"
             why = "On a line every medium is exact: all contacts carry the same force, and follow Hertz's law"
-            raise InputError(message(what, why, "Raise the load, or take another medium"))
+            raise InputError(what, why, "Raise the load, or take another medium")
     elif load.kind != "overlap":
         least = packing.width_units.reduced_force(float(np.min(hertz.at(load).force)))
         if packing.width and least < THRESHOLD_FORCE:

@@ -16,7 +16,7 @@ from granphon.array.pressed_sample import PressedEquilibrium, PressedSample
 from granphon.array.stencils import Stencils
 from granphon.balls.hertz import energy_of, force_of, overlap_of
 from granphon.balls.packing import Packing
-from granphon.base.errors import GranphonError, InputError, message
+from granphon.base.errors import GranphonError, InputError
 from granphon.media.friction_history import FrictionHistory
 
 Array = NDArray[np.float64]
@@ -141,6 +141,6 @@ def require_above(start: ReducedLoad, path: Sequence[ReducedLoad], from_gas: boo
             if from_gas:
                 why, lower = "Pressed from the gas, the sample stands there at first, and is loaded from there", ""
             mend = f"Raise the load, {lower}or unload along a path: simulation.path(...), in a scene ordered: true"
-            error = InputError(message(what, why, mend))
+            error = InputError(what, why, mend)
             error.load_index = place
             raise error

@@ -21,8 +21,8 @@ from granphon.balls.distributions import PointShape
 from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.loads import Load, require_compressive
 from granphon.balls.packing import Packing, given_packing, require_shallow
-from granphon.base.errors import InputError, brief, message
-from granphon.base.validation import choice
+from granphon.base.errors import InputError, brief
+from granphon.base.validation import choice, is_one_of
 from granphon.dynamics.local_field import LocalField, local_field, paper_local_field
 from granphon.laws.effective import EffectiveLaw
 from granphon.laws.spread import AveragedLaw
@@ -89,7 +89,7 @@ class LawMedium(MediumBase[ContactState]):
             # the last three are of the size of the slope of the stiffness, the pressure and the moduli
             made = np.array([force, stiffness, length, stiffness / length, force / diameter, stiffness / diameter])
         if not np.all((made >= _LEAST_NORMAL) & (made < np.inf)):
-            raise InputError(message(f"{load.describe(periods)} is too small or too large for double precision"))
+            raise InputError(f"{load.describe(periods)} is too small or too large for double precision")
         modulus = self.packing.material.young_modulus
         require_shallow(modulus, float(np.max(overlap / diameter)), load.describe(periods))
         return ContactState(
@@ -193,12 +193,12 @@ class EffectiveMedium(LawMedium):
     source: str
 
     def __init__(self, packing: Packing, local_field: Literal["computed", "paper"] = "computed") -> None:
-        if not isinstance(local_field, str) or local_field not in _LOCAL_FIELDS:
-            raise InputError(message(f"local_field is {brief(local_field)}", mend="Give 'computed' or 'paper'"))
+        if not is_one_of(local_field, _LOCAL_FIELDS):
+            raise InputError(f"local_field is {brief(local_field)}", mend="Give 'computed' or 'paper'")
         if local_field == "paper" and isinstance(packing, Packing):
             other = f"of the {packing.structure.name} lattice" if packing.structure != TRIANGULAR else ""
             if lacking := other or "with bending" * bool(packing.bending):
-                raise InputError(message(f"the paper gives no local field {lacking}", mend="Use 'computed'"))
+                raise InputError(f"the paper gives no local field {lacking}", mend="Use 'computed'")
         object.__setattr__(self, "packing", packing)
         object.__setattr__(self, "source", local_field)
         self.__post_init__()

@@ -15,7 +15,7 @@ from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.motions import Motions
 from granphon.balls.packing import Packing
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError
 from granphon.base.validation import Rule
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.local_field import LocalField
@@ -170,9 +170,7 @@ def explain_untouched(load: Load, largest: float) -> InputError:
     ``largest`` is the excess of their diameter over the mean, m.
     """
     return InputError(
-        message(
-            f"{load} m: no balls touch",
-            f"The largest are {largest:g} m wider than the mean",
-            f"Give an overlap above {-largest:g} m",
-        )
+        f"{load} m: no balls touch",
+        f"The largest are {largest:g} m wider than the mean",
+        f"Give an overlap above {-largest:g} m",
     )

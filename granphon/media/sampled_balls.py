@@ -19,7 +19,7 @@ from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.motions import Motions, allowed_motions
 from granphon.balls.packing import Packing, given_packing
-from granphon.base.errors import InputError, MechanismError, message
+from granphon.base.errors import InputError, MechanismError
 from granphon.base.results import read_only
 from granphon.base.validation import choice, finite_array, lengths, require, whole, whole_number
 from granphon.dynamics.contact_lattice import ContactLattice
@@ -92,20 +92,20 @@ class SampledBalls:
             shape = require("shape", partial(lengths, low=1, high=_MOST_SIDE, periods=periods), shape)
             if math.prod(shape) > _MOST_CELLS:
                 what = f"shape is {shape}, which are {float(math.prod(shape)):.3g} cells"
-                raise InputError(message(what, f"No memory holds more than {_MOST_CELLS:.3g}", "Give fewer"))
+                raise InputError(what, f"No memory holds more than {_MOST_CELLS:.3g}", "Give fewer")
         object.__setattr__(self, "shape", shape or DEFAULT_SHAPES[periods])
         if self.diameters is not None:
             self._take_diameters(self.diameters)
         if 0.0 < self.packing.width < _LEAST_WIDTH * self.packing.diameter:
             what = f"the width of the diameters is {self.packing.relative_width:.3g} of their mean"
-            raise InputError(message(what, f"Samples are simulated from {_LEAST_WIDTH:g} on", "Leave the spread out"))
+            raise InputError(what, f"Samples are simulated from {_LEAST_WIDTH:g} on", "Leave the spread out")
         object.__setattr__(self, "samples", whole_number("samples", self.samples, 1, _MOST_SAMPLES))
         object.__setattr__(self, "seed", whole_number("seed", self.seed, 0, _MOST_SEED + 1 - self.samples))
         whole_number("workers", self.workers, 1)
         if self.diameters is not None and self.samples > 1:
-            raise InputError(message("diameters are given, which make one sample", mend="Leave samples out"))
+            raise InputError("diameters are given, which make one sample", mend="Leave samples out")
         if self.executor is not None and not hasattr(self.executor, "submit"):
-            raise InputError(message(f"executor is {self.executor!r}", mend="Give a concurrent.futures.Executor, or none"))
+            raise InputError(f"executor is {self.executor!r}", mend="Give a concurrent.futures.Executor, or none")
         geometry = require("geometry", read_geometry, self.geometry)
         if geometry is None and not can_be_exact(self.packing):
             geometry = LATTICE
@@ -115,14 +115,14 @@ class SampledBalls:
         if geometry == EXACT and not self.packing.spread_matters:
             what = "on a line" if self.packing.width else "of equal balls"
             why = f"The contacts {what} have the directions of the lattice anyway"
-            raise InputError(message(f"the exact geometry {what} is not simulated", why, "Use a medium with finite_overlap"))
+            raise InputError(f"the exact geometry {what} is not simulated", why, "Use a medium with finite_overlap")
         require_small(self.ratio)
         if history.is_loaded and self.packing.structure.periods == 1:
             why = "On a line contacts do not slip, so that friction does nothing"
-            raise InputError(message("a chain has no friction_history", why, "Leave it out"))
+            raise InputError("a chain has no friction_history", why, "Leave it out")
         if history.is_loaded and not self.packing.mindlin_ratio > 0.0:
             why = "The balls of this packing resist no slip (its mindlin_ratio is zero)"
-            raise InputError(message("friction_history needs contacts with friction", why, "Give the packing friction=True"))
+            raise InputError("friction_history needs contacts with friction", why, "Give the packing friction=True")
         # a start that no sample can bear is refused, solving none
         start = history.start
         if isinstance(start, float) and self.packing.width:
@@ -161,7 +161,7 @@ class SampledBalls:
         lengths, n = packing.structure.periods, packing.structure.n_balls
         if array.ndim != lengths + (n > 1) or (n > 1 and array.shape[-1] != n):
             wanted = ", ".join([*(f"L{axis + 1}" for axis in range(lengths)), *[str(n)] * (n > 1)])
-            raise InputError(message(f"diameters have the shape {array.shape}", mend=f"Give an array ({wanted})"))
+            raise InputError(f"diameters have the shape {array.shape}", mend=f"Give an array ({wanted})")
         if packing.spread is None and np.ptp(array):
             # the packing takes the mean of the shifted list, which rounding may have changed
             spread = Measured(tuple((packing.diameter + (array - np.mean(array))).ravel().tolist()))
@@ -171,7 +171,7 @@ class SampledBalls:
         own = array.shape[:lengths]
         if self.shape not in (DEFAULT_SHAPES[lengths], own):
             what = f"shape is {self.shape!r}, and the diameters have the shape {array.shape}"
-            raise InputError(message(what, "The diameters determine the shape of the sample", "Leave shape out"))
+            raise InputError(what, "The diameters determine the shape of the sample", "Leave shape out")
         object.__setattr__(self, "shape", own)
 
     @property
@@ -265,7 +265,7 @@ def require_standing(packing: Packing, history: bool = False, by_friction: bool 
         if structure.dimension > structure.periods:
             what, mend = f"a lattice of {structure.periods} periods in space", "Use another medium"
         why = "Simulated balls move along the periods of their lattice"
-        raise InputError(message(f"balls with {what} are not simulated", why, mend))
+        raise InputError(f"balls with {what} are not simulated", why, mend)
     falls = None if by_friction else _explain_fall(structure, own)
     if falls is None:
         return
@@ -280,7 +280,7 @@ def require_standing(packing: Packing, history: bool = False, by_friction: bool 
     else:
         keys = f"{friction}friction_history: true with a friction_coefficient and start: gas"
         mend = f"A simulation with {keys} simulates it; or {mend}"
-    raise MechanismError(message(what, falls, mend))
+    raise MechanismError(what, falls, mend)
 
 
 @lru_cache(maxsize=64)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.sample import standard_error
 from granphon.balls.lattices import as_direction
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError
 from granphon.dynamics.tensors import bulk_and_shear, symmetrise, waves_of_tensor
 from granphon.media.state import ContactState
 
@@ -70,9 +70,7 @@ class SampledState(ContactState):
         load followed by that of the quantity. Raises :class:`~granphon.base.errors.InputError` if there is only one sample.
         """
         if self.n_samples < 2:
-            raise InputError(
-                message("one sample has no standard error", mend="Give samples=2 or more to granphon.DirectSimulation")
-            )
+            raise InputError("one sample has no standard error", mend="Give samples=2 or more to granphon.DirectSimulation")
         values = self.over_samples((lambda sample: getattr(sample, of)) if isinstance(of, str) else of)
         return standard_error(values, len(self.shape))[()]
 
@@ -121,7 +119,7 @@ class SampledState(ContactState):
         """Return the edges of a distribution of the samples, its mean over them, and the standard error of the mean."""
         if not hasattr(self.samples[0], name):
             what, why = f"there is no {name}", "Balls that come to rest without friction bear no tangential forces"
-            raise InputError(message(what, why, "Give friction_history=True to granphon.DirectSimulation"))
+            raise InputError(what, why, "Give friction_history=True to granphon.DirectSimulation")
         edges: Array = getattr(self.samples[0], name)(*given)[0]
         each = self.over_samples(lambda sample: getattr(sample, name)(*given)[1])
         axis = len(self.shape)

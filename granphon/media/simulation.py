@@ -23,7 +23,7 @@ from granphon.array.sample import STEP, Sample, jackknife
 from granphon.array.stencils import Stencils
 from granphon.balls.hertz import HertzLaw
 from granphon.balls.loads import Load
-from granphon.base.errors import GranphonError, InputError, brief, message
+from granphon.base.errors import GranphonError, InputError, brief
 from granphon.base.progress import Progress, silent
 from granphon.base.results import read_only
 from granphon.dynamics.tensors import longitudinal_modulus
@@ -48,7 +48,11 @@ class SampleLaw:
     """The contact law of a simulation: mean force, stiffness and energy of a contact against the overlap.
 
     Methods take scalars or arrays of overlaps, m: floats in, floats out. Each overlap needs an equilibrium of every sample,
-    which is found when it is first asked for. The equilibria at the 64 overlaps that were asked for last are kept.
+    which is found at the first request. The equilibria at the last 64 overlaps are kept.
+
+    Attributes
+    ----------
+    simulation : the :class:`DirectSimulation` whose samples are solved.
     """
 
     simulation: DirectSimulation
@@ -95,7 +99,7 @@ class SampleLaw:
         return self._average_at(overlap, lambda sample: sample.stiffness_slope)
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
-        """Return the force fluctuation Delta f / f over the balls."""
+        """Return the force fluctuation over the balls, the ratio Delta f / f, at each ``overlap``, m."""
         return self._average_at(overlap, lambda sample: sample.force_fluctuation)
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
@@ -103,7 +107,7 @@ class SampleLaw:
         return self._average_at(overlap, lambda sample: sample.contact_fraction())
 
     def least_valid_force(self, width: float) -> float:
-        """Return 0 N: the simulation is valid at every load at which it finds an equilibrium."""
+        """Return 0 N for any ``width``, m: the simulation is valid at every load at which it finds an equilibrium."""
         return 0.0
 
     def overlap(self, force: ArrayLike) -> Any:
@@ -357,7 +361,7 @@ class DirectSimulation(SampledBalls, MediumBase[SimulatedState]):
             raise no_finite_overlap(self.name)
         if finite_overlap is not None and self.is_exact and not wanted:
             why = "Balls that have their true geometry overlap as much as they do"
-            raise InputError(message("the exact geometry has finite overlap", why, "Leave finite_overlap out"))
+            raise InputError("the exact geometry has finite overlap", why, "Leave finite_overlap out")
         prescribed = self.prescribed(load)
         if self.history.is_loaded:
             return self._press(load, prescribed)
@@ -407,17 +411,17 @@ class DirectSimulation(SampledBalls, MediumBase[SimulatedState]):
         """
         if not self.history.is_loaded:
             why = "Without friction the forces do not depend on the way to the load"
-            raise InputError(message("a path needs friction_history", why, "Give friction_history=True, or use at_force"))
+            raise InputError("a path needs friction_history", why, "Give friction_history=True, or use at_force")
         given: dict[str, ArrayLike | None] = {"force": force, "pressure": pressure, "overlap": overlap}
         if load is None:
             load = Load.only(**given)
         elif not isinstance(load, Load):
             what = f"a path takes no {brief(load)}"  # type: ignore[unreachable]
             mend = "Give force=[...] (N), pressure=[...] or overlap=[...] (m), or a Load of granphon.balls.loads"
-            raise InputError(message(what, "It does not say what kind of load that is", mend))
+            raise InputError(what, "It does not say what kind of load that is", mend)
         elif kinds := [kind for kind, values in given.items() if values is not None]:
             what = f"the loads of a path are given as a Load and as {' and '.join(kinds)}"
-            raise InputError(message(what, mend="Give one"))
+            raise InputError(what, mend="Give one")
         load = load.applied
         simulation = replace(self, ordered=True)
         return simulation._press(load, simulation.prescribed(load), progress)
@@ -524,4 +528,4 @@ def no_finite_overlap(medium: str) -> InputError:
     """Return the error for terms of finite overlap in a ``medium`` that is, or may become, a simulation."""
     what = f"the medium {medium!r} has no terms of finite overlap"
     why = "Its linear response is found in the limit of spread and overlap small against the diameter"
-    return InputError(message(what, why, "Leave finite_overlap out, simulate with geometry exact, or take another medium"))
+    return InputError(what, why, "Leave finite_overlap out, simulate with geometry exact, or take another medium")

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.hertz import MUCH_LARGER, HertzLaw
 from granphon.balls.packing import MINDLIN, Packing
-from granphon.base.errors import InputError, brief, message
+from granphon.base.errors import InputError, brief
 from granphon.base.results import Result
 from granphon.base.scales import Units
 from granphon.base.text import counted
@@ -575,11 +575,9 @@ class ContactState(State, Result):
         """
         if not self.is_single:
             raise InputError(
-                message(
-                    f"the state holds {int(np.size(self.force))} loads",
-                    "Atoms, force constants and phonons belong to one",
-                    "Make a state with one load, as medium.at_force(1.0) does, or take one of these: state[0]",
-                )
+                f"the state holds {int(np.size(self.force))} loads",
+                "Atoms, force constants and phonons belong to one",
+                "Make a state with one load, as medium.at_force(1.0) does, or take one of these: state[0]",
             )
         return Units(self.packing.diameter, self.normal_stiffness, self.packing.mass)
 
@@ -667,7 +665,7 @@ class ContactState(State, Result):
         """
         if self.samples:
             what = f"the state is of {counted(self.n_samples, 'simulated sample')}, and not of a lattice"
-            raise InputError(message(what, mend="Use the network of a sample: state.samples[0].network"))
+            raise InputError(what, mend="Use the network of a sample: state.samples[0].network")
         lattice, structure, units = self.contact_lattice(), self.packing.structure, self.scales
         ones = (1,) * structure.periods
         return lattice.contact_network(units, self.force / units.force, lattice=structure, shape=ones)
@@ -841,7 +839,7 @@ class NetworkStates(State):
         found = self._stack(lambda one: one.unit_length)
         if np.ptp(found) > 0.0:
             what = "the balls are not as far apart at all loads"
-            raise InputError(message(what, "Wave numbers are in units of their distance", "Take one load, as state[0]"))
+            raise InputError(what, "Wave numbers are in units of their distance", "Take one load, as state[0]")
         return float(np.ravel(found)[0])
 
     @property
@@ -899,5 +897,5 @@ def given_state(state: Any) -> ContactState:
         refuse_unpressed(state)
         why = "It needs the contact law of a packing" if isinstance(state, NetworkState | ContactNetwork) else ""
         mend = "Give a ContactState, as medium.at_force gives it"
-        raise InputError(message(f"state is {brief(getattr(state, 'network', state))}", why, mend))
+        raise InputError(f"state is {brief(getattr(state, 'network', state))}", why, mend)
     return state

@@ -87,7 +87,7 @@ class Contacts:
     def refuse(self, bad: NDArray[np.bool_], wrong: str, why: str = "", mend: str = "") -> None:
         """Raise :class:`~granphon.base.errors.InputError` if any contact is ``bad``; the message names the first one."""
         if np.any(bad):
-            raise InputError(message(self.describe(bad, wrong), why, mend))
+            raise InputError(self.describe(bad, wrong), why, mend)
 
     def describe(self, bad: NDArray[np.bool_], wrong: str) -> str:
         """Say of the first contact that is ``bad`` what is ``wrong``, and how many there are."""
@@ -125,7 +125,7 @@ class Source:
         motions = self.motions if motions is None else motions
         prestress = bool(self.prestress) if prestress is None else prestress
         if material is not None and not isinstance(material, Material):
-            raise InputError(message(f"the material is {brief(material)}", mend="Give a gp.Material"))
+            raise InputError(f"the material is {brief(material)}", mend="Give a gp.Material")
         friction = require("friction", truth, friction)
         # places, sizes and vectors with which one cannot reckon
         placed = np.all(np.abs(balls.positions) < LARGEST, axis=1)
@@ -137,7 +137,7 @@ class Source:
                 value = balls.positions[ball].tolist() if name == "place" else float(balls.radii[ball])
                 number = ball if balls.labels is None else int(balls.labels[ball])
                 why = "Only a body that does not move may have a radius of inf" if value == math.inf else ""
-                raise InputError(message(f"{balls.name}: ball {number} has the {name} {value} m", why))
+                raise InputError(f"{balls.name}: ball {number} has the {name} {value} m", why)
         if contacts.vector is not None:
             far = ~np.all(np.abs(contacts.vector) < LARGEST, axis=1)
             contacts.refuse(far, "has a vector that is not finite, or too large")
@@ -145,7 +145,7 @@ class Source:
             far = ~np.all(np.abs(contacts.shift) <= MOST_STEPS, axis=1)
             contacts.refuse(far, f"has a shift of more than {MOST_STEPS} cells")
         if not np.all(np.abs(self.cell) < LARGEST):
-            raise InputError(message(f"the cell is {self.cell.tolist()} m"))
+            raise InputError(f"the cell is {self.cell.tolist()} m")
         width, positions = balls.positions.shape[1], np.zeros((len(balls.positions), 3))
         positions[:, :width] = balls.positions
         if dimension is None:
@@ -157,7 +157,7 @@ class Source:
         if masses is None:
             if material is None:
                 mend = "Give the masses, or the material of the balls"
-                raise InputError(message(f"{balls.name} has no column 'mass', and no material is given", mend=mend))
+                raise InputError(f"{balls.name} has no column 'mass', and no material is given", mend=mend)
             masses = material.density * (4.0 / 3.0 * math.pi) * balls.radii**3
         inertias = 0.4 * masses * balls.radii**2 if balls.inertias is None else balls.inertias
         # the indices of the balls that contacts name
@@ -166,7 +166,7 @@ class Source:
         order = np.argsort(labels, kind="stable")
         if np.any(np.diff(labels[order]) == 0):
             twice = labels[order][:-1][np.diff(labels[order]) == 0][0]
-            raise InputError(message(f"{balls.name} has two balls with the id {twice}"))
+            raise InputError(f"{balls.name} has two balls with the id {twice}")
         ends, ids = [], counted(count, "ball has an id", "balls have ids")
         for wanted in (contacts.i, contacts.j):
             place = np.minimum(np.searchsorted(labels[order], wanted), max(count - 1, 0))
@@ -184,7 +184,7 @@ class Source:
         if shift is None:
             shift = np.zeros((len(i), 3), np.intp)
             if np.linalg.matrix_rank(periods) < axes.size:
-                raise InputError(message("the periodic vectors of the cell are not independent of each other"))
+                raise InputError("the periodic vectors of the cell are not independent of each other")
             across = np.linalg.pinv(periods)
             if contacts.vector is not None:
                 shift[:, axes] = _round_steps((contacts.vector - apart) @ across)
@@ -228,7 +228,7 @@ class Source:
             mend = "Give the material of the balls, from which they follow, or the columns"
             if lacking == ["shear_stiffness"]:
                 mend = "Give the column, the material of the balls, or friction=False"
-            raise InputError(message(f"{contacts.name} has no {', '.join(lacking)}, and no material is given", mend=mend))
+            raise InputError(f"{contacts.name} has no {', '.join(lacking)}, and no material is given", mend=mend)
         if force is None or stiffness is None:
             assert material is not None
             small, large = np.minimum(radii_i, radii_j), np.maximum(radii_i, radii_j)
@@ -291,7 +291,7 @@ def read_whole_numbers(name: str, values: Any) -> Index:
     fine = np.isfinite(given) & (given == np.rint(given)) & (np.abs(given) < 2.0**53)
     if not np.all(fine):
         wrong = given[~fine].ravel()[0]
-        raise InputError(message(f"{name} of the network has the number {wrong!s} where a whole number is needed"))
+        raise InputError(f"{name} of the network has the number {wrong!s} where a whole number is needed")
     return np.asarray(given, np.intp)
 
 
@@ -319,5 +319,5 @@ def _first(values: Array, bad: NDArray[np.bool_]) -> float:
 def _round_steps(steps: Array) -> Index:
     """Return the nearest whole numbers of cells; :class:`InputError` if balls are too many cells from each other."""
     if np.any(~(np.abs(steps) <= MOST_STEPS)):
-        raise InputError(message(f"balls that touch are more than {MOST_STEPS} cells apart", mend="Compare cell and places"))
+        raise InputError(f"balls that touch are more than {MOST_STEPS} cells apart", mend="Compare cell and places")
     return np.asarray(np.rint(steps), np.intp)

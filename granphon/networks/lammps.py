@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.errors import InputError, brief, message
+from granphon.base.errors import InputError, brief
 from granphon.base.scales import Units
 from granphon.base.tables import plain_float
 from granphon.base.text import decode, read_bytes
@@ -50,7 +50,7 @@ class _Frame:
                 out[n] = plain_float(cells[place])
             except (IndexError, ValueError):
                 found = brief(cells[place], 40) if len(cells) > place else "nothing"
-                raise InputError(message(f"{self.name}:{line}: {column}: found {found}, where a number is needed")) from None
+                raise InputError(f"{self.name}:{line}: {column}: found {found}, where a number is needed") from None
         return out
 
     def read_words(self, column: str) -> list[str]:
@@ -67,31 +67,31 @@ def read_dumps(
     atoms, touching = _read_frame(dump, step, "ATOMS"), _read_frame(pairs, step, "ENTRIES")
     if atoms.step != touching.step:
         what = f"{dump} ends at the time step {atoms.step}, and {pairs} at {touching.step}"
-        raise InputError(message(what, "Balls and contacts must be of one step", "Give the step that both have"))
+        raise InputError(what, "Balls and contacts must be of one step", "Give the step that both have")
     if not np.allclose(atoms.cell, touching.cell, rtol=1e-5) or np.any(atoms.pbc != touching.pbc):
-        raise InputError(message(f"{dump} and {pairs} have different boxes", mend="Are they of one simulation?"))
+        raise InputError(f"{dump} and {pairs} have different boxes", mend="Are they of one simulation?")
     # length, mass and force that are one in the files
     told = {frame.units for frame in (atoms, touching) if frame.units}
     if len(told) > 1:
-        raise InputError(message(f"{atoms.name} is in units {atoms.units}, and {touching.name} in others"))
+        raise InputError(f"{atoms.name} is in units {atoms.units}, and {touching.name} in others")
     if isinstance(units, Units):
         style, (length, mass, force) = "lj", (units.length, units.mass, units.force)
     else:
         style = require("units", lambda value: choice(value, [*_STYLES]), units or next(iter(told), "si"))
         length, mass, force = _STYLES[style]
     if told and told != {style}:
-        raise InputError(message(f"{atoms.name} says that its units are {told.pop()}, and units={style!r} is given"))
+        raise InputError(f"{atoms.name} says that its units are {told.pop()}, and units={style!r} is given")
     if columns is not None:
-        listed = columns.split() if isinstance(columns, str) else columns
+        listed: object = columns.split() if isinstance(columns, str) else columns
         touching_names = tuple(listed) if isinstance(listed, Sequence) else ()
         if not all(isinstance(name, str) for name in touching_names) or len(touching_names) != len(touching.names):
             there = f"{touching.name} has {len(touching.names)}: {', '.join(touching.names)}"
             mend = f"Give a name for each; those that count are {', '.join(_NAMES)}"
-            raise InputError(message(f"columns are {brief(columns)}, and {there}", mend=mend))
+            raise InputError(f"columns are {brief(columns)}, and {there}", mend=mend)
         touching.names = touching_names
     if missing := [name for name in ("i", "j") if name not in touching.names]:
         what = f"{pairs} has no column {' and no column '.join(missing)}"
-        raise InputError(message(what, f"Its columns are {', '.join(touching.names)}", _NAME_PAIRS))
+        raise InputError(what, f"Its columns are {', '.join(touching.names)}", _NAME_PAIRS)
 
     # LAMMPS gives the vector from j to i, and the force on i
     def vectors(scale: float, *names: str) -> Array | None:
@@ -129,10 +129,10 @@ def _read_balls(frame: _Frame, length: float, mass: float) -> Balls:
             places = places @ frame.cell if scaled else places - frame.origin
             break
     else:
-        raise InputError(message(f"{frame.name} has no columns x, y and z", listed, _WRITE_ATOMS))
+        raise InputError(f"{frame.name} has no columns x, y and z", listed, _WRITE_ATOMS)
     for name, other in (("id", "id"), ("radius", "diameter")):
         if name not in frame.names and other not in frame.names:
-            raise InputError(message(f"{frame.name} has no column {name}", listed, _WRITE_ATOMS))
+            raise InputError(f"{frame.name} has no column {name}", listed, _WRITE_ATOMS)
     radii = frame.read("radius") if "radius" in frame.names else 0.5 * frame.read("diameter")
     masses = mass * frame.read("mass") if "mass" in frame.names else None
     kinds = next((tuple(frame.read_words(name)) for name in ("element", "type") if name in frame.names), ())
@@ -154,7 +154,7 @@ def _read_frame(path: str | os.PathLike[str], step: int | None, kind: str) -> _F
         shown = f"{steps[0]} alone" if len(steps) == 1 else "none"
         if len(steps) > 1:
             shown = f"{steps[0]} to {steps[-1]}, {len(steps)} in all"
-        raise InputError(message(f"{path} has no time step {brief(step)}", f"It has {shown}"))
+        raise InputError(f"{path} has no time step {brief(step)}", f"It has {shown}")
     return frames[-1]
 
 
@@ -171,7 +171,7 @@ def _split_frames(name: str, raw: bytes, kind: str) -> Iterator[_Frame]:
             continue
         if not head.startswith("ITEM:"):
             what = f"{name}:{n + 1}: found {brief(head, 40)}, where a line 'ITEM: ...' is needed"
-            raise InputError(message(what, mend=_IS_DUMP))
+            raise InputError(what, mend=_IS_DUMP)
         title = head.removeprefix("ITEM:").strip()
         n += 1
         if title == "UNITS":
@@ -187,27 +187,27 @@ def _split_frames(name: str, raw: bytes, kind: str) -> Iterator[_Frame]:
             listed, *names = title.split()
             if listed != kind:
                 want = "atoms (dump custom)" if kind == "ATOMS" else "pairs (dump local)"
-                raise InputError(message(f"{name} is a dump of {listed.lower()}, and a dump of {want} is needed"))
+                raise InputError(f"{name} is a dump of {listed.lower()}, and a dump of {want} is needed")
             if count < 0 or n + count > len(lines):
                 what = f"{name} ends before its {count} {kind.lower()} do: {len(lines) - n} are there"
-                raise InputError(message(what, "The file is not whole"))
+                raise InputError(what, "The file is not whole")
             if odd := next((one for one in names if not (one.isascii() and one.isprintable())), None):
                 what = f"{name}:{n}: found a column named {brief(odd, 40)}"
-                raise InputError(message(what, "The names of LAMMPS are of plain letters, digits and signs"))
+                raise InputError(what, "The names of LAMMPS are of plain letters, digits and signs")
             frame.names, frame.rows = tuple(names), list(enumerate(lines[n : n + count], n + 1))
             n += count
             yield frame
         else:  # such as TIME
             n += 1
     if frame is None:
-        raise InputError(message(f"{name} has no time step", mend=_IS_DUMP))
+        raise InputError(f"{name} has no time step", mend=_IS_DUMP)
 
 
 def _read_count(name: str, lines: list[str], n: int) -> int:
     text = lines[n].strip() if n < len(lines) else ""
     if not re.fullmatch("[0-9]{1,19}", text):
         most = " of at most 19 digits" if len(text) > 19 else ""
-        raise InputError(message(f"{name}:{n + 1}: found {brief(text, 40)}, where a whole number{most} is needed"))
+        raise InputError(f"{name}:{n + 1}: found {brief(text, 40)}, where a whole number{most} is needed")
     return int(text)
 
 
@@ -216,7 +216,7 @@ def _read_box(frame: _Frame, words: list[str], lines: list[str], n: int) -> None
     if words[:1] == ["abc"]:
         why = "LAMMPS lists pairs in another frame, in which its box is tilted"
         mend = "Leave out dump_modify triclinic/general"
-        raise InputError(message(f"{frame.name} has a box of three general vectors", why, mend))
+        raise InputError(f"{frame.name} has a box of three general vectors", why, mend)
     try:
         rows = np.array([[plain_float(cell) for cell in lines[n + axis].split()] for axis in range(3)])
         flags = [word for word in words if len(word) == 2 and set(word) <= set("pfsm")]
@@ -232,9 +232,9 @@ def _read_box(frame: _Frame, words: list[str], lines: list[str], n: int) -> None
         if frame.pbc.shape != (3,) or not np.all(np.isfinite(frame.cell)):
             raise ValueError
     except (IndexError, ValueError):
-        raise InputError(message(f"{frame.name}:{n + 1}: the bounds of the box cannot be read")) from None
+        raise InputError(f"{frame.name}:{n + 1}: the bounds of the box cannot be read") from None
     ends = np.diag(frame.cell)
     if not np.all(ends > 0.0):
         axis = int(np.argmin(ends > 0.0))
         what = f"{frame.name}:{n + axis + 1}: the box has the length {ends[axis]:g} along {'xyz'[axis]}"
-        raise InputError(message(what, "Its lower bound must be below the upper one", "Are the two exchanged?"))
+        raise InputError(what, "Its lower bound must be below the upper one", "Are the two exchanged?")

@@ -21,7 +21,7 @@ from granphon.balls.lattices import Lattice
 from granphon.balls.layers import Layers, find_axes, find_faces, read_edges
 from granphon.balls.material import Material
 from granphon.balls.motions import Motions, allowed_motions, select_motions
-from granphon.base.errors import GranphonError, InputError, brief, message
+from granphon.base.errors import GranphonError, InputError, brief
 from granphon.base.registry import Registry
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units
@@ -138,10 +138,11 @@ class ContactNetwork(Result):
     kinds: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
-        plain: Any = self.pbc.tolist() if isinstance(self.pbc, np.ndarray) else self.pbc
+        plain: Any = self.pbc
+        plain = plain.tolist() if isinstance(plain, np.ndarray) else plain
         if not isinstance(plain, Sequence) or isinstance(plain, str) or len(plain) != 3:
             what = f"pbc of the network is {brief(self.pbc)}"
-            raise InputError(message(what, mend="Give three truth values, one for each vector of the cell"))
+            raise InputError(what, mend="Give three truth values, one for each vector of the cell")
         given: dict[str, Any] = {"pbc": tuple(require("pbc", truth, value) for value in plain)}
         given |= {name: require(name, truth, getattr(self, name)) for name in ("prestress", "adhesive")}
         given["dimension"] = whole_number("dimension", self.dimension, 1, 3)
@@ -169,23 +170,23 @@ class ContactNetwork(Result):
         motions = allowed_motions(self.dimension)
         if self.motions not in motions:
             what = f"a network in {self.dimension} dimensions has no motions {brief(self.motions)}"
-            raise InputError(message(what, mend="Use " + ", ".join(motions)))
+            raise InputError(what, mend="Use " + ", ".join(motions))
         if not self.n_balls:
-            raise InputError(message("the network has no ball"))
+            raise InputError("the network has no ball")
         # periodic vectors of the cell are finite, lie in the line or plane of the balls, and are independent
         for axis in np.flatnonzero(self.pbc):
             vector = self.cell[axis]
             if not (np.all(np.abs(vector) < LARGEST) and np.any(vector)):
-                raise InputError(message(f"vector {axis} of the cell is {vector.tolist()} m, and periodic"))
+                raise InputError(f"vector {axis} of the cell is {vector.tolist()} m, and periodic")
             if axis >= self.dimension or np.any(vector[self.dimension :]):
                 where = "the line" if self.dimension == 1 else "the plane"
                 what = f"vector {axis} of the cell, {vector.tolist()} m, leaves {where} of a network in"
-                raise InputError(message(f"{what} {self.dimension} dimensions, and is periodic"))
+                raise InputError(f"{what} {self.dimension} dimensions, and is periodic")
         if np.count_nonzero(self.pbc) > 1:
             periods = self.cell[list(self.pbc)]
             size = np.linalg.norm(periods, axis=1, keepdims=True)
             if np.prod(np.linalg.svd(periods / size, compute_uv=False)) < _FLAT:
-                raise InputError(message("the periodic vectors of the cell are not independent of each other"))
+                raise InputError("the periodic vectors of the cell are not independent of each other")
         # every ball and contact: the message names the first that is wrong, and how many are
         for name, fine, wrong, mend in _list_demands(self):
             if not np.all(fine):
@@ -195,17 +196,17 @@ class ContactNetwork(Result):
                 if what == "contact" and name not in ("i", "j"):
                     found += f", between balls {self.i[bad[0]]} and {self.j[bad[0]]}"
                 more = f" ({bad.size} in all)" if bad.size > 1 else ""
-                raise InputError(message(f"{what} {bad[0]} of the network {wrong}: {found}{more}", mend=mend))
+                raise InputError(f"{what} {bad[0]} of the network {wrong}: {found}{more}", mend=mend)
         if self.n_contacts:
             _check_once(self)
         # names are unique, and an array has the balls of all of its cells
         if self.labels is not None and np.unique(self.labels).size != self.n_balls:
-            raise InputError(message("two balls of the network have the same label"))
+            raise InputError("two balls of the network have the same label")
         if self.lattice is not None and self.shape is not None:
             balls = self.lattice.n_balls * int(np.prod(self.shape, dtype=float))
             if len(self.shape) != self.lattice.periods or balls != self.n_balls:
                 what = f"{self.shape} cells of the {self.lattice.name} lattice have {balls} balls"
-                raise InputError(message(f"{what}, and the network has {self.n_balls}"))
+                raise InputError(f"{what}, and the network has {self.n_balls}")
 
     # -- what it is -------------------------------------------------------------------------------------------------
 
@@ -251,7 +252,7 @@ class ContactNetwork(Result):
         ball that moves, or without a contact.
         """
         if not (np.any(self.moving) and self.n_contacts):
-            raise InputError(message("the network has no reduced units", "It has no ball that moves, or no contact"))
+            raise InputError("the network has no reduced units", "It has no ball that moves, or no contact")
         loaded = self.normal_force > 0.0
         springs = self.normal_stiffness[loaded if np.any(loaded) else slice(None)]
         # a mean that is exact where all values are equal
@@ -339,7 +340,7 @@ class ContactNetwork(Result):
             fewer = range(self.dimension + 1 if least is None else least - 1, 0, -1)
             held = next((n for n in fewer if np.any(np.delete(self.moving, self._find_rattlers(n)))), 0)
             mend = f"If something else holds them too, give held_by={held}" if held else ""
-            raise InputError(message("all balls of the network are rattlers, which carry no load", why, mend))
+            raise InputError("all balls of the network are rattlers, which carry no load", why, mend)
         return replace(self.select(kept), left_out=self.left_out + int(loose.size))
 
     def select(self, balls: ArrayLike) -> Self:
@@ -354,7 +355,7 @@ class ContactNetwork(Result):
         chosen = read_whole_numbers("balls", chosen)
         if chosen.ndim != 1 or np.any((chosen < 0) | (chosen >= self.n_balls)) or np.unique(chosen).size != chosen.size:
             what = f"the balls {brief(balls)} cannot be selected from {self.n_balls}"
-            raise InputError(message(what, mend="Give indices, each once, or a truth value for each ball"))
+            raise InputError(what, mend="Give indices, each once, or a truth value for each ball")
         place = np.full(self.n_balls, -1)
         place[chosen] = np.arange(chosen.size)
         i, j = place[self.i], place[self.j]
@@ -390,7 +391,7 @@ class ContactNetwork(Result):
         """
         axes = [axis for axis in range(3) if self.pbc[axis]]
         if not axes:
-            raise InputError(message("this network has no period along which it could be repeated"))
+            raise InputError("this network has no period along which it could be repeated")
         shape = require("shape", partial(lengths, low=1, high=MOST_CELLS, periods=len(axes)), shape)
         full = np.ones(3, int)
         full[axes] = shape
@@ -452,7 +453,7 @@ class ContactNetwork(Result):
         if furthest >= (1.0 - TOUCH) * count * height:
             least = int((1.0 + TOUCH) * furthest / height) + 1
             what = f"some contacts reach across {counted(count, 'layer')}"
-            raise InputError(message(what, "None of them would be left", f"Give {least} layers or more"))
+            raise InputError(what, "None of them would be left", f"Give {least} layers or more")
         # contacts of the layers and of those beyond, numbered from the lower face; one end of those that are cut is outside
         i, j, row, inner = cut.unfold(self.i, self.j, shift, n, count + 2 * reach)
         i, j, total = i - reach * n, j - reach * n, n * count
@@ -474,7 +475,7 @@ class ContactNetwork(Result):
             lost, ball, out = (one[np.isin(ball, at)] for one in (lost, ball, out))
             if (spare := np.setdiff1d(at, ball)).size:
                 what = f"ball {spare[0]} of the {'lower' if side < 0.0 else 'upper'} face has lost no contact there"
-                raise InputError(message(what, "A floor has the stiffness of such contacts", "Cut elsewhere, or clamp it"))
+                raise InputError(what, "A floor has the stiffness of such contacts", "Cut elsewhere, or clamp it")
             place, which, m = np.searchsorted(at, ball), row[lost], len(at)
             springs = ("normal_stiffness", "shear_stiffness", "torsion_stiffness", "bending_stiffness")
             each = {name: getattr(self, name)[which] for name in springs}
@@ -497,13 +498,11 @@ class ContactNetwork(Result):
         live = ~(still[contacts["i"]] & still[contacts["j"]])
         contacts = {name: values[live] for name, values in contacts.items()}
         if np.all(still):
-            raise InputError(
-                message(f"no ball moves in {counted(count, 'layer')} with these edges", mend="Give more layers")
-            )
+            raise InputError(f"no ball moves in {counted(count, 'layer')} with these edges", mend="Give more layers")
         i, j, inner = (contacts[name] for name in ("i", "j", "shift"))
         for word, at in zip(words, faces, strict=True):
             if word == "clamped" and not np.any(np.isin(i, at) | np.isin(j, at)):
-                raise InputError(message("the clamped balls of an edge touch none that moves", mend="Give more layers"))
+                raise InputError("the clamped balls of an edge touch none that moves", mend="Give more layers")
         # all that moves hangs together, or is held by bodies that do not move; these are one, along all periods
         size, held = int(np.count_nonzero(~still)), bool(np.any(still))
         name, rings = np.where(still, size, np.cumsum(~still) - 1), np.eye(p, dtype=np.intp)[: p * held]
@@ -641,10 +640,10 @@ class ContactNetwork(Result):
             raise
         except Exception as error:
             what = f"{READERS.describe(program)} fails: {type(error).__name__}: {error}"
-            raise InputError(message(what, mend="Mend it, or the files")) from error
+            raise InputError(what, mend="Mend it, or the files") from error
         if not isinstance(found, ContactNetwork):
             what = f"{READERS.describe(program)} returns {brief(found)}"
-            raise InputError(message(what, mend="Let it return a granphon.ContactNetwork, as from_table makes one"))
+            raise InputError(what, mend="Let it return a granphon.ContactNetwork, as from_table makes one")
         return found
 
     def _leave_out(self, keep_rattlers: bool, held_by: int | None) -> Self:
@@ -674,7 +673,7 @@ def register_reader(name: str, read: Callable[..., ContactNetwork]) -> Callable[
     :class:`~granphon.base.errors.InputError` for what cannot be called, and for a name that is taken.
     """
     if not callable(read):
-        raise InputError(message(f"{brief(read)} reads no files", mend="Give a function of paths"))
+        raise InputError(f"{brief(read)} reads no files", mend="Give a function of paths")
     return READERS.add(name, read)
 
 
@@ -691,7 +690,7 @@ def given_network(source: Any) -> ContactNetwork:
         return found
     mend = "Give a state, a sample of a simulation, a ContactNetwork, or Atoms with a HertzMindlin"
     refuse_unpressed(source)
-    raise InputError(message(f"there is no network of contacts in {brief(source)}", mend=mend))
+    raise InputError(f"there is no network of contacts in {brief(source)}", mend=mend)
 
 
 def refuse_unpressed(source: Any) -> None:
@@ -699,7 +698,7 @@ def refuse_unpressed(source: Any) -> None:
     if hasattr(source, "at_force") and not isinstance(source, type):
         name = "crystal" if hasattr(source, "cut") else "medium"
         mend = f"Press it, and give its state: {name}.at_force(...), in N, or another of its methods at_..."
-        raise InputError(message(f"{brief(source)} has no load", "Its contacts are stiff under a load only", mend))
+        raise InputError(f"{brief(source)} has no load", "Its contacts are stiff under a load only", mend)
 
 
 # -- what it must be ---------------------------------------------------------------------------------------------------
@@ -786,7 +785,7 @@ def _check_once(network: ContactNetwork) -> None:
         one, other = int(before[twice][0]), int(after[twice][0])
         more = f" ({np.count_nonzero(twice)} such in all)" if np.count_nonzero(twice) > 1 else ""
         what = f"contacts {one} and {other} of the network are the same, between balls {i[one]} and {j[one]}{more}"
-        raise InputError(message(what, "Every contact counts once", "List each contact from one of its ends only"))
+        raise InputError(what, "Every contact counts once", "List each contact from one of its ends only")
 
 
 def number_pieces(i: Index, j: Index, moving: NDArray[np.bool_]) -> Index:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.errors import InputError, OutputError, brief, message
+from granphon.base.errors import InputError, OutputError, brief
 from granphon.base.quantities import LENGTH, LOADS, Quantity
 from granphon.base.tables import Heading, Table, table_text
 from granphon.base.text import closest, decode, open_seal, read_bytes, require_path, seal, warn_unverified
@@ -71,14 +71,14 @@ class _Columns:
                 except (ValueError, RecursionError):
                     self.remark = None  # type: ignore[assignment]  # refused below
                 if not isinstance(self.remark, dict):
-                    raise InputError(message(f"{self.name}: the line {brief(line)} cannot be read", mend="Leave it out"))
+                    raise InputError(f"{self.name}: the line {brief(line)} cannot be read", mend="Leave it out")
             there = [heading.name for heading in table.headings]
         else:
             self.name = f"the table of {what}"
             named = getattr(getattr(source, "dtype", None), "names", None)
             if named is None and not (hasattr(source, "keys") and hasattr(source, "__getitem__")):
                 mend = "Give the path of a file, a mapping of arrays, a structured array or a data frame"
-                raise InputError(message(f"{self.name} is {brief(source)}", mend=mend))
+                raise InputError(f"{self.name} is {brief(source)}", mend=mend)
             arrays = {str(name): source[name] for name in (named or source.keys())}
             there = list(arrays)
         keys = [Heading.parse(name).key for name in there]
@@ -86,7 +86,7 @@ class _Columns:
         for name, key in zip(there, keys, strict=True):  # an optional column with a misspelled name would be passed over
             meant = closest(key, known)
             if key not in given and key not in known and meant and len(key) > 2 and Heading.parse(meant).key not in keys:
-                raise InputError(message(f"{self.name} has a column {str(name)!r}", mend=f"Did you mean {meant!r}?"))
+                raise InputError(f"{self.name} has a column {str(name)!r}", mend=f"Did you mean {meant!r}?")
         self._headings = [str(heading) for heading in (table.headings if table is not None else there)]
         self._values: dict[str, Array] = {}
         self._units: dict[str, str] = {}
@@ -105,15 +105,15 @@ class _Columns:
                 unit = Heading.parse(wanted).unit
                 if unit and (kind is None or unit != kind.unit):
                     what = f"{self.name}: the column {wanted!r} is in {unit}, and arrays are in SI"
-                    raise InputError(message(what, mend=f"Convert it, and call it {name!r}"))
+                    raise InputError(what, mend=f"Convert it, and call it {name!r}")
                 values = self._values[name] = real_array(f"{name} of {self.name}", arrays[wanted])
                 if values.ndim != 1:
                     what = f"{name} of {self.name} has the shape {values.shape}"
-                    raise InputError(message(what, mend="Give a list of numbers"))
+                    raise InputError(what, mend="Give a list of numbers")
         sizes = {name: len(values) for name, values in self._values.items()}
         if len(set(sizes.values())) > 1:
             said = ", ".join(f"{size} of {name}" for name, size in sizes.items())
-            raise InputError(message(f"{self.name} has columns of different lengths: {said}"))
+            raise InputError(f"{self.name} has columns of different lengths: {said}")
 
     def __contains__(self, name: str) -> bool:
         return name in self._values
@@ -123,7 +123,7 @@ class _Columns:
         if missing := [name for name in names if name not in self]:
             what = f"{self.name} has no column {', '.join(map(repr, missing))}"
             mend = f"Name the column that is meant, as in columns={{{missing[0]!r}: 'NAME'}}"
-            raise InputError(message(what, f"Its columns are {', '.join(self._headings) or 'none'}", mend))
+            raise InputError(what, f"Its columns are {', '.join(self._headings) or 'none'}", mend)
 
     def read(self, name: str) -> Array:
         """The numbers of a column, (rows,)."""
@@ -155,7 +155,7 @@ class _Columns:
         units = [self._units.get(name, "") for name in there]
         if len(set(units)) > 1 and all(units):
             said = ", ".join(f"{name} ({unit})" for name, unit in zip(there, units, strict=True))
-            raise InputError(message(f"{self.name} has its coordinates in different units: {said}", mend="Use one unit"))
+            raise InputError(f"{self.name} has its coordinates in different units: {said}", mend="Use one unit")
         found = np.stack([self.read(name) for name in there], axis=1)
         return np.pad(found, ((0, 0), (0, len(names) - len(there)))) if wide else found
 
@@ -164,7 +164,7 @@ def _read_cells(table: Table, name: str, wanted: str, kind: Quantity | None) -> 
     """Return the numbers (rows,) of a column in SI; bodies that do not move may have "inf"."""
     if kind is None:
         if unit := table.unit(wanted):
-            raise InputError(message(f"{table.name}: the column {name!r} has the unit {unit!r}, and needs none"))
+            raise InputError(f"{table.name}: the column {name!r} has the unit {unit!r}, and needs none")
         try:
             return table.numbers(wanted)
         except InputError as error:
@@ -185,7 +185,7 @@ def read_tables(balls: Any, contacts: Any, columns: Mapping[str, str], cell: Any
         if name not in BALLS and name not in CONTACTS:
             meant = closest(name, [*BALLS, *CONTACTS])
             mend = f"Did you mean {meant!r}?" if meant else "Use " + ", ".join([*BALLS, *CONTACTS])
-            raise InputError(message(f"{name!r} is not a column of balls or contacts", mend=mend))
+            raise InputError(f"{name!r} is not a column of balls or contacts", mend=mend)
     of_balls = _Columns("balls", balls, BALLS, {name: columns[name] for name in columns if name in BALLS})
     said = of_balls.remark
     known = {**CONTACTS, "normal_force": _ACROSS} if said.get("adhesive") is True else CONTACTS  # of either sign
@@ -204,18 +204,18 @@ def read_tables(balls: Any, contacts: Any, columns: Mapping[str, str], cell: Any
             given = np.diag(given)
         if given.ndim != 2 or not 1 <= len(given) <= given.shape[1] <= 3:
             what = f"the cell has the shape {np.shape(cell)}"
-            raise InputError(message(what, mend="Give the lengths of the periods, or their vectors as rows"))
+            raise InputError(what, mend="Give the lengths of the periods, or their vectors as rows")
         periods[: len(given), : given.shape[1]] = given
         periodic[: len(given)] = np.any(given != 0.0, axis=1)
     if pbc is not None:
         plain = pbc.tolist() if isinstance(pbc, np.ndarray) else pbc
         if not isinstance(plain, list | tuple) or len(plain) > 3 or (any(plain) and cell is None):
-            raise InputError(message(f"pbc is {brief(pbc)}", mend="Give a truth value for each vector of the cell"))
+            raise InputError(f"pbc is {brief(pbc)}", mend="Give a truth value for each vector of the cell")
         periodic[: len(plain)] = [require("pbc", truth, one) for one in plain]
         periodic[len(plain) :] = False
     of_balls.require("x")
     if "radius" in of_balls and "diameter" in of_balls:
-        raise InputError(message(f"{of_balls.name} has both radius and diameter", mend="Leave one of them out"))
+        raise InputError(f"{of_balls.name} has both radius and diameter", mend="Leave one of them out")
     radii = 0.5 * of_balls.read("diameter") if "diameter" in of_balls else of_balls.read("radius")
     positions = of_balls.vectors(*_AXES)
     assert positions is not None
@@ -268,4 +268,4 @@ def write_tables(fields: Mapping[str, Any], balls: str | os.PathLike[str], conta
             Path(path).parent.mkdir(parents=True, exist_ok=True)
             Path(path).write_text(seal(text.split("\n")[:-1], 1), encoding="utf-8", newline="")
         except (OSError, ValueError) as error:
-            raise OutputError(message(f"{path} cannot be written: {getattr(error, 'strerror', None) or error}")) from None
+            raise OutputError(f"{path} cannot be written: {getattr(error, 'strerror', None) or error}") from None

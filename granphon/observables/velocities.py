@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.sample import jackknife, standard_error
 from granphon.balls.lattices import as_direction
-from granphon.base.errors import InputError, InstabilityError, UnreachableFrequencyError, brief, message
+from granphon.base.errors import InputError, InstabilityError, UnreachableFrequencyError, brief
 from granphon.base.results import Result
 from granphon.base.validation import finite_array, texts
 from granphon.dynamics.branches import AcousticBranch, AcousticBranches, follow_acoustic_branches
@@ -106,7 +106,7 @@ class SoundVelocities(Result):
         shapes = [None, load, (*load, 2)]
         found = None if self.transverse is None else np.shape(self.transverse)
         if not 0 <= count <= 2 or found != shapes[count]:
-            raise InputError(message("the SoundVelocities data lack a wave that 'velocities' has, or have one more"))
+            raise InputError("the SoundVelocities data lack a wave that 'velocities' has, or have one more")
 
     @property
     def transverse_slow(self) -> Any:
@@ -178,7 +178,7 @@ def sound_velocities(state: Any, direction: ArrayLike | None = None) -> SoundVel
             errors["transverse"] = found[..., first : first + 2]
     return SoundVelocities(
         longitudinal=named.get("longitudinal"), transverse=named.get("transverse"), direction=along,
-        warnings=find_warnings(state) + warn_of_free_branches(state, v),
+        warnings=find_warnings(state) + state.reference_lattice.loose_warnings + warn_of_free_branches(state, v),
         longitudinal_error=errors.get("longitudinal"), transverse_error=errors.get("transverse"),
         out_of_plane=named.get("out_of_plane"), velocities=np.take_along_axis(v, order, -1),
         polarisations=np.take_along_axis(vectors, order[..., None, :], -1),
@@ -206,7 +206,7 @@ def choose_direction(state: State, direction: ArrayLike | None, what: str, isotr
             f"the {what} of the {state.name} depend on the direction",
             f"Give direction=({', '.join('xyz'[:periods])})",
         )
-        raise InputError(message(wrong, mend=mend))
+        raise InputError(wrong, mend=mend)
     return as_direction(np.eye(periods)[0] if direction is None else direction, periods)
 
 
@@ -290,7 +290,7 @@ class Moduli(Result):
         stress = np.sum(self.tensor[..., :p], axis=-1) - p * bulk[..., None] * (np.arange(self.tensor.shape[-1]) < p)
         if np.any(np.abs(stress) > _EVEN * np.abs(bulk)[..., None]):
             what = "this lattice has no single bulk modulus"
-            raise InputError(message(what, "Its strain under pressure is not even", _AVERAGES))
+            raise InputError(what, "Its strain under pressure is not even", _AVERAGES)
         return bulk[()]
 
     @property
@@ -309,7 +309,7 @@ class Moduli(Result):
         :class:`~granphon.base.errors.InputError` if the lattice is not isotropic, and for a chain.
         """
         if not self.isotropic:
-            raise InputError(message("this lattice has no single shear modulus", mend=_AVERAGES))
+            raise InputError("this lattice has no single shear modulus", mend=_AVERAGES)
         return self._find_shears()
 
     @property
@@ -325,7 +325,7 @@ class Moduli(Result):
         self._require_shear()
         if not (self.isotropic or self.cubic):
             why = "One number says how far cubic and square lattices are from isotropic"
-            raise InputError(message("this lattice has no single anisotropy", why, "Use .tensor"))
+            raise InputError("this lattice has no single anisotropy", why, "Use .tensor")
         return anisotropy(self._find_shears())[()]
 
     @property
@@ -347,7 +347,7 @@ class Moduli(Result):
         stiffness, p = self._scale_strains(), self.periods
         if np.min(np.linalg.eigvalsh(0.5 * (stiffness + stiffness.swapaxes(-1, -2)))) <= 0.0:
             what = "the elastic tensor is not positive"
-            raise InstabilityError(message(what, "A strain gives energy back", "Use .tensor"))
+            raise InstabilityError(what, "A strain gives energy back", "Use .tensor")
         compliance = np.linalg.inv(stiffness)
         under_pressure = np.sum(compliance[..., :p, :p], axis=(-2, -1))
         rest = np.trace(compliance, axis1=-2, axis2=-1) - under_pressure / p
@@ -370,7 +370,7 @@ class Moduli(Result):
 
     def _require_shear(self) -> None:
         if self.periods == 1:
-            raise InputError(message("a chain has no shear modulus", mend="Use .bulk, its modulus in N"))
+            raise InputError("a chain has no shear modulus", mend="Use .bulk, its modulus in N")
 
     def _find_shears(self) -> Array:
         """Return the shear moduli of an orthonormal set of shears, (..., 2), or (..., 5) in space; Pa."""
@@ -400,7 +400,8 @@ def moduli(state: Any) -> Moduli:
         errors["tensor_error"] = standard_error(every, -3)
         if (isotropic or cubic) and tensor.shape[-1] > 1:
             errors["anisotropy_error"] = jackknife(anisotropy, shears(every))
-    return Moduli(tensor=tensor, isotropic=isotropic, warnings=find_warnings(state), cubic=cubic, **errors)
+    warnings = find_warnings(state) + state.reference_lattice.loose_warnings
+    return Moduli(tensor=tensor, isotropic=isotropic, warnings=warnings, cubic=cubic, **errors)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -489,20 +490,20 @@ def pulse_velocities(
         unknown = [name for name in names if name not in known]
         if unknown or not names:
             among = "longitudinal, transverse or both" if known == ("longitudinal", "transverse") else ", ".join(known)
-            raise InputError(message(f"unknown branch {brief(unknown)}", mend=f"Use {among}"))
+            raise InputError(f"unknown branch {brief(unknown)}", mend=f"Use {among}")
     scales = state.branch_scales(along, names)
     axes = along.ndim - 1
     try:
         shape = np.broadcast_shapes(hertz.shape, state.shape)
     except ValueError:
         what = f"the frequencies have the shape {hertz.shape}, and the loads {state.shape}"
-        raise InputError(message(what, mend="Give one frequency, or shapes that numpy can broadcast")) from None
+        raise InputError(what, mend="Give one frequency, or shapes that numpy can broadcast") from None
     scale = np.stack([np.broadcast_to(one, shape + along.shape[:-1]) for one in scales])
     with np.errstate(over="ignore"):  # infinity is beyond every branch, too
         target = hertz.reshape(hertz.shape + (1,) * axes) * (2.0 * np.pi * d / scale)
     if np.min(target) < np.finfo(float).tiny:
         what = f"a frequency of {np.min(hertz):.6g} Hz has lost digits in double precision"
-        raise InputError(message(what, mend="Raise it: the velocities are those of long waves, gp.sound_velocities"))
+        raise InputError(what, mend="Raise it: the velocities are those of long waves, gp.sound_velocities")
     # shape (branches, loads and frequencies, directions)
     many = along.reshape(-1, periods)
     flat = (len(names), -1, len(many))
@@ -573,7 +574,7 @@ def _explain_unreachable(branch: AcousticBranch, target: Array, scale: Array) ->
         remedy = branch.lattice.find_remedy(travels)
         what = f"the {branch.name} branch has no pulses {along}"
         why = "Its waves cost no energy there, as they deform no contact, so that their frequency is zero"
-        return UnreachableFrequencyError(message(what, why, f"{remedy.capitalize()}, or name other branches"))
+        return UnreachableFrequencyError(what, why, f"{remedy.capitalize()}, or name other branches")
     what = f"the {branch.name} branch does not reach {wanted:.6g} Hz {along}"
     ends = f"It ends at {top / (2.0 * np.pi):.6g} Hz" + (" at the least load" if np.ptp(scale) > 0.0 else "")
-    return UnreachableFrequencyError(message(what, ends, "Lower the frequency, or name the branches that reach it"))
+    return UnreachableFrequencyError(what, ends, "Lower the frequency, or name the branches that reach it")

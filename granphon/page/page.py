@@ -13,7 +13,7 @@ from granphon.balls.hertz import EXPONENT
 from granphon.balls.lattices import as_direction
 from granphon.balls.loads import Load
 from granphon.balls.packing import MINDLIN, Packing
-from granphon.base.errors import InputError, MechanismError, message
+from granphon.base.errors import InputError, MechanismError
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
 from granphon.figures.style import colour_kinds
@@ -72,7 +72,7 @@ def describe_network_page(
     lattice, network, scales, p = state.contact_lattice(), state.network, state.scales, state.contact_lattice().periods
     if lattice.n_branches > _MOST_BRANCHES:
         why = f"A browser computes up to {_MOST_BRANCHES} while it is looked at"
-        raise InputError(message(f"the network has {lattice.n_branches} branches", why, "Use gp.Phonons"))
+        raise InputError(f"the network has {lattice.n_branches} branches", why, "Use gp.Phonons")
     ratios = {"eta": lattice.mindlin_ratio, "torsion": lattice.torsion, "bending": lattice.bending}
     fixed = {name: float(np.any(one)) for name, one in ratios.items()}
     along = as_direction((1.0, 0.0, 0.0)[:p] if direction is None else direction, p)

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from granphon.balls.ball import Ball, ContactConstants
 from granphon.balls.contact_laws import Hertz, PairLaw, check_law, find_law, law_between, opening_overlap
 from granphon.balls.material import Material
-from granphon.base.errors import InputError, brief, message
+from granphon.base.errors import InputError, brief
 from granphon.media.crystal_statics import Springs
 from granphon.networks.network import ContactNetwork
 from granphon.phonons.phonopy_atoms import choose_symbols
@@ -68,7 +68,7 @@ class BallContacts(Calculator):  # type: ignore[misc]
         super().__init__()
         if not balls or not all(isinstance(one, Ball | Material) for one in balls.values()):
             mend = 'Give a granphon.Ball or Material for each kind, as {"Na": ball}'
-            raise InputError(message(f"the balls are {brief(dict(balls))}", mend=mend))
+            raise InputError(f"the balls are {brief(dict(balls))}", mend=mend)
         self.balls, self.friction = dict(balls), friction
         pairs = law if isinstance(law, Mapping) else {}
         self._law = None if pairs else Hertz() if law is None else find_law(law)
@@ -87,17 +87,17 @@ class BallContacts(Calculator):  # type: ignore[misc]
         kinds = [str(one) for one in atoms.arrays.get("kinds", atoms.get_chemical_symbols())]
         if missing := sorted(set(kinds) - set(self.balls)):
             what = f"there is no ball for the kind {', '.join(missing)}"
-            raise InputError(message(what, mend="Give one for each kind in the array 'kinds', or each symbol"))
+            raise InputError(what, mend="Give one for each kind in the array 'kinds', or each symbol")
         radii = atoms.arrays.get("radius")
         if radii is None:
             own = {kind: getattr(self.balls[kind], "radius", None) for kind in set(kinds)}
             if None in own.values():
                 what = "the Atoms have no array 'radius', and the kinds are materials"
-                raise InputError(message(what, mend="Set the radii, m, or give a granphon.Ball for each kind"))
+                raise InputError(what, mend="Set the radii, m, or give a granphon.Ball for each kind")
             radii = np.array([own[kind] for kind in kinds])
         radii = np.asarray(radii, float).reshape(len(kinds))
         if not (np.all(np.isfinite(atoms.positions)) and np.all(np.isfinite(radii)) and np.all(radii > 0.0)):
-            raise InputError(message("the Atoms have a place that is not finite, or a radius that is not above zero"))
+            raise InputError("the Atoms have a place that is not finite, or a radius that is not above zero")
         return kinds, radii
 
     def _find_law(self, kind: str, radius: float, other: str, wide: float) -> tuple[PairLaw, float]:
@@ -108,7 +108,7 @@ class BallContacts(Calculator):  # type: ignore[misc]
             law, constants = self._laws.get(frozenset((kind, other)), self._law), ContactConstants.of(one, two)
             if law is None:
                 what = f"law has none for contacts of {kind!r} and {other!r}"
-                raise InputError(message(what, mend="Give one for each pair of kinds that touch"))
+                raise InputError(what, mend="Give one for each pair of kinds that touch")
             found = law_between(law, one, two)
             check_law(found, constants.radius)
             self._known[key] = found, constants.mindlin_ratio
@@ -131,7 +131,7 @@ class BallContacts(Calculator):  # type: ignore[misc]
             ends = [opening_overlap(self._find_law(*one, *two)[0]) for one in every for two in every]
             apart = -min([0.0, *ends])
         if math.isinf(apart):
-            raise InputError(message("a bond has no end, and so no neighbours", mend="Give a law with a least_overlap"))
+            raise InputError("a bond has no end, and so no neighbours", mend="Give a law with a least_overlap")
         reach = (radii + 0.5 * apart) / unit * (1.0 + 1e-12)
         i, j, shift = primitive_neighbor_list(
             "ijS", atoms.pbc, atoms.cell.array / unit, atoms.positions / unit, reach.tolist()
@@ -167,7 +167,7 @@ class BallContacts(Calculator):  # type: ignore[misc]
             stress = vector.T @ pull / volume
             self.results["stress"] = (0.5 * (stress + stress.T))[_VOIGT]
         elif "stress" in properties:
-            raise InputError(message("the cell has no volume", "Stress is force over area", "Give it three vectors"))
+            raise InputError("the cell has no volume", "Stress is force over area", "Give it three vectors")
 
     def contact_network(self, atoms: Atoms, **options: Any) -> ContactNetwork:
         """Return the balls and their contacts as a network, in SI, with Mindlin's shear stiffness.
@@ -226,7 +226,7 @@ def _find_beside(path: Any, given: Any, words: Mapping[str, str]) -> Any:
     beside = [found.with_name(found.name.replace(*pair)) for pair in words.items() if pair[0] in found.name]
     if given is None and not beside:
         what = f"{path} has its contacts in another file"
-        raise InputError(message(what, mend=f"Name it, or call the file ...{next(iter(words))}..."))
+        raise InputError(what, mend=f"Name it, or call the file ...{next(iter(words))}...")
     return beside[0] if given is None else given
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from granphon.balls.layers import find_outer
 from granphon.balls.motions import IN_PLANE, Motions
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError
 from granphon.base.results import Result
 from granphon.base.scales import HertzPrefix, Units, read_header
 from granphon.base.staging import write_text
@@ -121,7 +121,7 @@ class Bands(Result):
         balls = len(self.masses)
         if self.eigenvectors.shape[2] != self.motions.count * balls:
             what = f"{self.eigenvectors.shape[2]} components of an eigenvector for {balls} balls"
-            raise InputError(message(what, mend=f"Give {self.motions.count} for each ball"))
+            raise InputError(what, mend=f"Give {self.motions.count} for each ball")
         self._require_finite()
         lengths, p = np.linalg.norm(self.eigenvectors, axis=2), self.periods
         leaves = bool(np.any(self.qpoints[..., p:])) or bool(np.any(self.cell[:p, p:])) or bool(np.any(self.cell[p:, :p]))
@@ -142,7 +142,7 @@ class Bands(Result):
             (len(self.pbc) == p and all(isinstance(one, bool) for one in self.pbc), f"pbc is not {p} times true or false"),
         ):
             if not holds:
-                raise InputError(message(what, mend="Make the bands again"))
+                raise InputError(what, mend="Make the bands again")
 
     @property
     def n_branches(self) -> int:
@@ -205,7 +205,7 @@ class Bands(Result):
         """
         heights = (self.positions @ self.cell)[:, min(sum(self.pbc), 2)]
         if not np.ptp(heights) > 1e-9 * float(np.abs(self.cell).max()):
-            raise InputError(message("the lattice has no edges", mend="Take bands of network.cut(axis, layers)"))
+            raise InputError("the lattice has no edges", mend="Take bands of network.cut(axis, layers)")
         masks = find_outer(heights)
         found = np.einsum("ei,spicb->spbe", masks.astype(float), np.abs(self._motion) ** 2, optimize=True)
         close = np.diff(self.frequencies, axis=2) <= _COINCIDE * self.frequencies.max()

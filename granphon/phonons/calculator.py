@@ -33,9 +33,10 @@ from granphon.balls.contact_table import ContactTable
 from granphon.balls.lattices import BALL
 from granphon.balls.motions import ALL, IN_PLANE, LONGITUDINAL, OUT_OF_PLANE, allowed_motions, select_motions
 from granphon.balls.packing import MINDLIN
-from granphon.base.errors import InputError, PrecisionError, brief, message
+from granphon.base.errors import InputError, PrecisionError, brief
 from granphon.base.results import read_only
 from granphon.base.scales import Units
+from granphon.base.validation import is_one_of
 from granphon.dynamics.compatibility import GYRATION
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.rows import Row, contact_rows, push_rows
@@ -163,7 +164,7 @@ class HarmonicContacts(Calculator):  # type: ignore[misc]
         moved = u[j] - u[i] + table.shift @ (balls.cell - rest.cell)[:p]
         if np.max(np.abs(moved), initial=0.0) > _FAR:
             what = f"balls in contact have moved against each other by more than {_FAR} diameters"
-            raise InputError(message(what, "Displacements must be small", "Compare the order of the balls, and the cell"))
+            raise InputError(what, "Displacements must be small", "Compare the order of the balls, and the cell")
         for row, stiffness in _list_springs(lattice):
             head, tail = row.head[:, motions.turning], row.tail[:, motions.turning]
             along = row.head[:, motions.translating]
@@ -191,7 +192,7 @@ class HarmonicContacts(Calculator):  # type: ignore[misc]
             stress /= abs(np.linalg.det(balls.cell.array[:p, :p]))
             self.results["stress"] = (0.5 * (stress + stress.T))[_STRESS_ORDER]
         elif "stress" in properties:
-            raise InputError(message("a network that bodies without motion hold has no stress of its own"))
+            raise InputError("a network that bodies without motion hold has no stress of its own")
 
     def get_torques(self, atoms: Atoms) -> Array:
         """Return the torque on each ball, -dE/dphi, in units of k d^2: (N, 3)."""
@@ -204,7 +205,7 @@ class HarmonicContacts(Calculator):  # type: ignore[misc]
         if not (len(atoms) == len(rest) and np.array_equal(atoms.pbc, rest.pbc) and np.array_equal(
             atoms.get_masses(), rest.get_masses())):  # fmt: skip
             why, mend = "Its calculator serves these alone", "Use gp.atoms(network.repeat(...)), or of another network"
-            raise InputError(message(f"the Atoms are not the {len(rest)} balls of the network", why, mend))
+            raise InputError(f"the Atoms are not the {len(rest)} balls of the network", why, mend)
         return self.state.network
 
 
@@ -233,7 +234,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
     law of two balls, and ``gp.atoms(state)``, whose contacts have the mean law.
 
     Any other Atoms, in m, have the calculator ``HertzMindlin({"A": ball, "B": ball})``, which is a
-    :class:`~granphon.phonons.ball_contacts.BallContacts`.
+    :class:`~granphon.BallContacts`.
 
     Parameters
     ----------
@@ -280,7 +281,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
     def set(self, **unknown: Any) -> dict[str, Any]:
         """Raise InputError for any parameter: all that this calculator needs is in its state."""
         if unknown:
-            raise InputError(message(f"HertzMindlin has no keyword {', '.join(map(repr, unknown))}"))
+            raise InputError(f"HertzMindlin has no keyword {', '.join(map(repr, unknown))}")
         return {}
 
     # -- ASE's protocol ---------------------------------------------------------------------------------------------
@@ -322,7 +323,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         if self._overlap - self._apart < _LEAST_OVERLAP:
             what = f"energy, forces and stress need positions, and balls overlap by {self._overlap - self._apart:.3g} d"
             mend = "Use force constants, bands and velocities, which come from the state and stay exact"
-            raise PrecisionError(message(what, f"Below {_LEAST_OVERLAP:g} positions hold too few digits of that", mend))
+            raise PrecisionError(what, f"Below {_LEAST_OVERLAP:g} positions hold too few digits of that", mend)
         law, n, m = self._choose_law(balls), len(balls), self._coordinates
         # the contacts that are closed at the positions of the balls
         i, j, _, vector = self._contacts.find_pairs(balls, balls.positions[:, :m])
@@ -386,7 +387,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
             self.results["stress"] = (0.5 * (stress + stress.T))[_STRESS_ORDER]
         elif "stress" in properties:
             mend = f"Give the cell {('a vector along x', 'two vectors in the plane', 'three vectors')[periods - 1]}"
-            raise InputError(message(f"the cell has no {_EXTENTS[periods - 1]}", "Stress is force over area", mend))
+            raise InputError(f"the cell has no {_EXTENTS[periods - 1]}", "Stress is force over area", mend)
 
     def get_torques(self, atoms: Atoms) -> Array:
         """Return the torque on each ball, -dE/dphi, in units of k d^2: (N,) where balls turn about z only, else (N, 3)."""
@@ -400,7 +401,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         if len(self.state.samples) > 1 and has_sampled(balls):
             what = f"the Atoms are of one sample, and the state is the mean over {len(self.state.samples)}"
             mend = "Simulate that one alone: DirectSimulation(packing, shape, seed=sample.seed)"
-            raise InputError(message(what, "Each sample has an overlap and a stiffness of its own", mend))
+            raise InputError(what, "Each sample has an overlap and a stiffness of its own", mend)
         if has_sampled(balls) and self.state.samples:
             exact, loaded = self.state.samples[0].is_exact, getattr(self.state, "work", None) is not None
             if exact or loaded:
@@ -408,19 +409,19 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
                 why = "A calculator has the directions of the lattice, and no forces that depend on the way to the load"
                 otherwise = "simulate without a history" if loaded else 'simulate with geometry="lattice"'
                 mend = f"Use the network of the sample, as gp.Waves(state.sample) does, or {otherwise}"
-                raise InputError(message(f"the Atoms are of a sample that {how}", why, mend))
+                raise InputError(f"the Atoms are of a sample that {how}", why, mend)
         kind = find_kind(balls, self.scales, self.finite_overlap, self._coordinates)
         own = (balls.arrays[name] for name in ARRAYS)
         if not all(np.all(np.isfinite(values)) for values in (balls.positions, np.asarray(balls.cell), *own)):
             what = "the Atoms hold a number that is not finite, in positions, cell or an array that granphon added"
-            raise InputError(message(what))
+            raise InputError(what)
         require_lying(balls, self._periods)
         if kind == SAMPLE:
             return self.state.packing.law
         if self._apart < 0.0 and np.any(balls.arrays["diameter_deviations"]):
             what = f"the Atoms have diameters of their own, and the law of {self.state.medium!r} is the mean over all"
             mend = "Use a state of AveragedLattice, whose law is that of two balls, or the Atoms of a sample"
-            raise InputError(message(what, "Their spread would count twice", mend))
+            raise InputError(what, "Their spread would count twice", mend)
         return self.state.law
 
     def _find_springs(self, law: Law, overlap: Array) -> tuple[Array, float | Array]:
@@ -480,10 +481,10 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
                 one.name: one for one in (LONGITUDINAL, IN_PLANE, OUT_OF_PLANE, ALL)
                 if set(one.translations) <= set(own.translations) and set(one.rotations) <= set(own.rotations)
             }  # fmt: skip
-            if not isinstance(motions, str) or motions not in had:
+            if not is_one_of(motions, had):
                 what, why = f"the state has no motions {brief(motions)}", f"Its balls have the motions {own.name!r}"
                 mend = "Use " + ", ".join(had) + ", or make a state of a Packing with these motions"
-                raise InputError(message(what, why, mend))
+                raise InputError(what, why, mend)
             moving = had[motions]
         law = self._choose_law(atoms)
         deviations = atoms.arrays["diameter_deviations"]
@@ -543,7 +544,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         more than once (2 x 2 and less), contacts add up.
         """
         if format not in ("dense", "csr"):
-            raise InputError(message(f"format is {format!r}", mend="Use dense or csr"))
+            raise InputError(f"format is {format!r}", mend="Use dense or csr")
         lattice = self.contact_lattice(atoms, motions)
         table, n, blocks, moving = lattice.contacts, lattice.n_balls, contact_blocks(lattice), lattice.motions
         size = blocks.shape[1] // 2

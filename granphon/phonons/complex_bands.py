@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError
 from granphon.base.results import Result
 from granphon.base.validation import finite_array
 from granphon.dynamics.bloch_waves import find_bloch_waves
@@ -64,7 +64,7 @@ def find_complex_bands(
     """Find the complex bands of a network; the arguments are those of :meth:`Phonons.complex_bands`."""
     at = finite_array("frequencies", frequencies, "Hz", "above zero")
     if at.ndim != 1 or not at.size:
-        raise InputError(message(f"frequencies have the shape {at.shape}", mend="Give (n,) in Hz"))
+        raise InputError(f"frequencies have the shape {at.shape}", mend="Give (n,) in Hz")
     space = HalfSpace(network, axis)
     damped = ContactDamping.of(space.cut, damping, loss_factor)
     along, omega = space.read_wavevector(q), at / space.units.frequency

@@ -16,7 +16,7 @@ from ase import Atoms
 from numpy.typing import NDArray
 
 from granphon.balls.contact_table import TOUCH, find_pairs
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError
 from granphon.media.state import ContactState
 
 Array = NDArray[np.float64]
@@ -105,10 +105,10 @@ def _search(positions: Array, cell: Array, periodic: tuple[bool, ...], cutoff: f
     axes = np.flatnonzero(periodic)
     periods = cell[axes]
     if not np.all(np.any(periods, axis=1)):
-        raise InputError(message("the balls are periodic along a cell vector of zero length", "The period is not known"))
+        raise InputError("the balls are periodic along a cell vector of zero length", "The period is not known")
     if len(axes) and np.prod(np.linalg.svd(periods, compute_uv=False)) < _FLAT:
         what = f"the balls are periodic in a cell without {('a length', 'an area', 'a volume')[len(axes) - 1]}"
-        raise InputError(message(what, f"Its vectors are {'parallel' if len(axes) == 2 else 'not independent'}"))
+        raise InputError(what, f"Its vectors are {'parallel' if len(axes) == 2 else 'not independent'}")
     i, j, steps, vector = find_pairs(positions, periods, cutoff)
     shift = np.zeros((len(i), len(cell)), np.intp)
     shift[:, axes] = steps
@@ -202,7 +202,7 @@ class ContactFinder:
             why = "With friction, and in the paper's limit, contacts have the fixed directions of the lattice; these balls"
             why += " are turned against the lattice, or were moved among each other"
             mend = "Leave them in the orientation of gp.atoms(state), or use a state of finite overlap without friction"
-            raise InputError(message(what, why, mend))
+            raise InputError(what, why, mend)
         return normal, near
 
     def find_rest(self, balls: Atoms, i: NDArray[np.intp], j: NDArray[np.intp], normal: Array) -> Rest:

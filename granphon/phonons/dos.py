@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError
 from granphon.base.results import Result
 from granphon.base.staging import write_text
 from granphon.base.tables import Table, table_text
@@ -64,7 +64,7 @@ class DensityOfStates(Result):
             (min(self.mesh) > 0, "the mesh has no point"),
         ):
             if not holds:
-                raise InputError(message(what, mend="Compute the density of states again"))
+                raise InputError(what, mend="Compute the density of states again")
 
     @property
     def total(self) -> Array:

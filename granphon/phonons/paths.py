@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import Lattice
-from granphon.base.errors import InputError, Refused, brief, message
+from granphon.base.errors import InputError, Refused, brief
 from granphon.base.quantities import NUMBER, fraction
 from granphon.base.text import closest, counted, show
 from granphon.base.validation import real_array, require, texts, whole_number
@@ -121,7 +121,7 @@ def interpolate_path(
             unknown = [letter for letter in letters if letter not in special_points]
             if unknown:
                 what = f"there is no special point {', '.join(unknown)} in this Brillouin zone"
-                raise InputError(message(what, mend="Use " + ", ".join(special_points) + ", or give the path in numbers"))
+                raise InputError(what, mend="Use " + ", ".join(special_points) + ", or give the path in numbers")
             pieces.append(np.array([special_points[letter] for letter in letters], float))
             said += letters
     else:
@@ -132,31 +132,31 @@ def interpolate_path(
             except InputError:  # the path may be a list of arrays of different lengths
                 corners = [real_array("path", piece) for piece in given]
         except TypeError:
-            raise InputError(message(f"a path is letters or numbers, not {brief(given)}")) from None
+            raise InputError(f"a path is letters or numbers, not {brief(given)}") from None
         if corners and corners[0].ndim == 3:
             corners = list(corners[0])
         if not corners:
-            raise InputError(message(f"the path is {brief(given)}", "It has no corners", "Give letters or numbers"))
+            raise InputError(f"the path is {brief(given)}", "It has no corners", "Give letters or numbers")
         for piece in corners:
             if piece.ndim != 2 or piece.shape[1] not in (periods, 3) or not np.all(np.isfinite(piece)):
                 many = ("one or three finite numbers", "two or three finite numbers", "three finite numbers")[periods - 1]
-                raise InputError(message(f"a path is a list of corners of {many}"))
+                raise InputError(f"a path is a list of corners of {many}")
             pieces.append(np.pad(piece, ((0, 0), (0, 3 - piece.shape[1]))))
             said += ["(" + " ".join(f"{x:.3g}" for x in q[:periods]) + ")" for q in piece]
     if labels is not None:
         said = list(labels if isinstance(labels, str) else texts("labels", labels))  # of a string, each letter is a label
     corner_count = sum(map(len, pieces))
     if len(said) != corner_count:
-        raise InputError(message(f"{counted(len(said), 'label')} for {counted(corner_count, 'corner')} of the path"))
+        raise InputError(f"{counted(len(said), 'label')} for {counted(corner_count, 'corner')} of the path")
     segments: list[Array] = []
     ticks: list[str] = []
     for piece in pieces:
         name, said = said[: len(piece)], said[len(piece) :]
         if len(piece) < 2:
-            raise InputError(message("a path needs at least two corners"))
+            raise InputError("a path needs at least two corners")
         check_inside(piece, periods, "the path")
         if np.any(np.all(np.diff(piece, axis=0) == 0.0, axis=1)):
-            raise InputError(message("two corners that follow each other on the path are the same point"))
+            raise InputError("two corners that follow each other on the path are the same point")
         for start, stop in itertools.pairwise(piece):
             segments.append(start + (stop - start) * np.linspace(0.0, 1.0, count)[:, None])
             segments[-1][-1] = stop
@@ -172,7 +172,7 @@ def check_inside(qpoints: Array, periods: int, what: str) -> None:
         line, mend = (("line", "Set the second and the third number to 0"), ("plane", "Set the third number to 0"))[
             periods - 1
         ]
-        raise InputError(message(f"{what} leaves the {line}", f"The array is one {_SHAPES[periods - 1]}", mend))
+        raise InputError(f"{what} leaves the {line}", f"The array is one {_SHAPES[periods - 1]}", mend)
 
 
 # -- paths of a scene -----------------------------------------------------------------------------------------------
@@ -270,14 +270,15 @@ class BandPath:
     labels: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.paths, list | tuple) or not self.paths:
+        given: Any = self.paths
+        if not isinstance(given, list | tuple) or not given:
             mend = "Give one piece or more, each of two points or more"
-            raise InputError(message(f"the path of the band is {brief(self.paths)}", mend=mend))
-        pieces = [real_array("band", piece) for piece in self.paths]
+            raise InputError(f"the path of the band is {brief(given)}", mend=mend)
+        pieces = [real_array("band", piece) for piece in given]
         for piece in pieces:
             if piece.ndim != 2 or len(piece) < 2 or piece.shape[1] != 3 or not np.all(np.isfinite(piece)):
                 what = f"a piece of the path of the band is {brief(piece.tolist())}"
-                raise InputError(message(what, mend="Give two points or more, each of three finite numbers"))
+                raise InputError(what, mend="Give two points or more, each of three finite numbers")
         object.__setattr__(self, "paths", tuple(tuple(map(tuple, piece.tolist())) for piece in pieces))
         count = sum(map(len, self.paths))
         if self.labels is not None and len(self.labels) != count:

@@ -18,10 +18,10 @@ from phonopy.phonon.tetrahedron_method import get_integration_weights
 from phonopy.structure.atoms import PhonopyAtoms
 
 from granphon.balls.contact_table import touch_once_at_most
-from granphon.base.errors import InputError, brief, message
+from granphon.base.errors import InputError, brief
 from granphon.base.scales import Units
 from granphon.base.text import counted
-from granphon.base.validation import grid_numbers, positive, real_array, whole_number
+from granphon.base.validation import grid_numbers, is_one_of, positive, real_array, whole_number
 from granphon.dynamics.compatibility import MOST_BYTES
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.damping import ContactDamping, DampedModes, damp_evenly, damp_unevenly
@@ -94,7 +94,7 @@ class Phonons:
         self.state: State = (state := as_state(state))
         self.scales: Units = state.scales
         if not isinstance(atoms, Atoms | None):
-            raise InputError(message(f"atoms is {atoms!r}", mend="Give an ase.Atoms"))
+            raise InputError(f"atoms is {atoms!r}", mend="Give an ase.Atoms")
         self.atoms: Atoms = lattice_atoms(state) if atoms is None else atoms.copy()
         for axis in range(state.reference_lattice.periods, 3):
             if not self.atoms.cell[axis].any():
@@ -110,10 +110,10 @@ class Phonons:
         )
         if not self.lattice.measure > 0.0:
             why, mend = "Wave vectors are fractions of its reciprocal vectors", "Give the Atoms a cell of any size"
-            raise InputError(message("the Atoms have no cell", why, mend))
+            raise InputError("the Atoms have no cell", why, mend)
         if not len(self.lattice.contacts):
             why = "They are apart, or are turned against the lattice of the state"
-            raise InputError(message("no two of these balls touch", why))
+            raise InputError("no two of these balls touch", why)
         self.dim = self._choose_dim(dim)
 
     def __repr__(self) -> str:
@@ -149,11 +149,11 @@ class Phonons:
         if given is not None:
             dim = grid_numbers("dim", given, 1, LARGEST_COUNT, " ".join(map(str, _pad((3,) * p))), p)
             if np.any((np.array(dim) > 1) & ~periodic):
-                raise InputError(message(f"dim is {given!r}", "An axis that is not periodic has one cell", "Give 1 for it"))
+                raise InputError(f"dim is {given!r}", "An axis that is not periodic has one cell", "Give 1 for it")
             if not touch_once_at_most(cell, dim, contact):
                 what, least = (" x ".join(map(str, numbers)) for numbers in (dim, self._choose_dim(None)))
                 why = "Two balls would touch through more than one image, and their contacts could not be told apart"
-                raise InputError(message(f"a supercell of {what} cells is too small", why, f"Use at least {least}"))
+                raise InputError(f"a supercell of {what} cells is too small", why, f"Use at least {least}")
             return dim
         numbers, lengths = [1] * p, np.linalg.norm(cell, axis=1)
         while not touch_once_at_most(cell, tuple(numbers), contact):
@@ -249,7 +249,7 @@ class Phonons:
         )
         kept = network.moving[network.i] | network.moving[network.j]
         if np.count_nonzero(kept) != len(self.lattice.contacts):
-            raise InputError(message("the Atoms are another cell than that of the state", mend="Leave atoms out"))
+            raise InputError("the Atoms are another cell than that of the state", mend="Leave atoms out")
         q, found = self.lattice.wavevectors(points), ContactDamping.of(network, damping, loss_factor)
         undamped, even = self.lattice.frequencies(q), found.find_even(network)
         if even is not None:
@@ -311,7 +311,7 @@ class Phonons:
         if size > MOST_BYTES:
             what = f"{b} eigenvectors at {q.size // d} wave vectors take {size / 2**30:.3g} GiB of memory"
             mend = "Give fewer npoints or segments, or take Phonons.frequencies(qpoints), which keeps no eigenvectors"
-            raise InputError(message(what, f"Bands of more than {MOST_BYTES >> 30} GiB are not made", mend))
+            raise InputError(what, f"Bands of more than {MOST_BYTES >> 30} GiB are not made", mend)
         modes = self.lattice.modes(q.reshape(-1, d), along)
         return Bands(
             segments, distances, modes.frequencies.reshape(s, p, b) * self.scales.frequency,
@@ -338,7 +338,7 @@ class Phonons:
         """
         network = given_network(self.state)
         if len(self.atoms) != int(np.count_nonzero(network.moving)):
-            raise InputError(message("other atoms than those of the state", mend="Give the network of the larger cell"))
+            raise InputError("other atoms than those of the state", mend="Give the network of the larger cell")
         return find_complex_bands(network, frequencies, axis, q, damping, loss_factor)
 
     def dos(
@@ -359,12 +359,12 @@ class Phonons:
         p = self._periods
         given, example = MESHES[p - 1] if mesh is None else mesh, " ".join(map(str, _pad((64,) * p)))
         numbers = grid_numbers("mesh", given, 1, LARGEST_COUNT, example, p)
-        if not isinstance(method, str) or method not in ("tetrahedron", "smearing"):
-            raise InputError(message(f"method is {brief(method)}", mend="Use tetrahedron or smearing"))
+        if not is_one_of(method, ("tetrahedron", "smearing")):
+            raise InputError(f"method is {brief(method)}", mend="Use tetrahedron or smearing")
         count = whole_number("points", points, 12, LARGEST_COUNT)
         if np.prod(numbers, dtype=float) > _MOST_MESH_POINTS:
             what = f"a mesh of {' x '.join(map(str, numbers))} wave vectors is too large"
-            raise InputError(message(what, mend=f"Take {_MOST_MESH_POINTS:.0e} at most in all"))
+            raise InputError(what, mend=f"Take {_MOST_MESH_POINTS:.0e} at most in all")
         grid = self._make_mesh(numbers)
         q = self.lattice.wavevectors(grid.qpoints)
         # any direction will do: the rotational fractions of degenerate modes have the same sum
@@ -374,11 +374,11 @@ class Phonons:
         parts = np.stack([1.0 - rotation, rotation])  # (2, n_q, n_branches)
         top = self.lattice.top_frequency
         if top == 0.0:
-            raise InputError(message("every branch vanishes", "The motions deform no contact", "Use friction or bending"))
+            raise InputError("every branch vanishes", "The motions deform no contact", "Use friction or bending")
         at = np.linspace(0.0, 1.02 * top, count)
         if method == "tetrahedron":
             if sigma is not None:
-                raise InputError(message("sigma is for the smearing method only", mend="Give method='smearing'"))
+                raise InputError("sigma is for the smearing method only", mend="Give method='smearing'")
             # each value is the mean over its own interval, a difference of the integrated density: van Hove singularities
             # stay finite, and the trapezoidal sum over the points is exactly the number of modes
             edges = np.concatenate([at[:1], 0.5 * (at[1:] + at[:-1]), at[-1:]])
@@ -391,11 +391,11 @@ class Phonons:
                 width = positive("sigma", sigma, "Hz") / self.scales.frequency
                 if width > _WIDEST * top:
                     what = f"sigma = {brief(sigma)} Hz is more than {_WIDEST:.0e} times the top frequency"
-                    raise InputError(message(what, "Nothing would be left of the density of states", "Lower sigma"))
+                    raise InputError(what, "Nothing would be left of the density of states", "Lower sigma")
             at = np.linspace(0.0, top + 5.0 * width, count)
             if width < at[1]:
                 what = f"sigma = {sigma!r} Hz is below the spacing of {count} points"
-                raise InputError(message(what, mend="Raise sigma, or take more points"))
+                raise InputError(what, mend="Raise sigma, or take more points")
             # the part of a Gaussian below zero frequency is reflected, so that no mode is lost
             density = sum(
                 SmearingDOSAccumulator(
@@ -595,7 +595,7 @@ def _check_qpoints(qpoints: ArrayLike, periods: int) -> Array:
     q = real_array("q points", qpoints)
     if q.ndim != 2 or not len(q) or q.shape[1] not in (periods, 3) or not np.all(np.isfinite(q)):
         mend = "Give " + "(n, 3)" if periods == 3 else f"Give (n, {periods}) or (n, 3)"
-        raise InputError(message(f"the q points have the shape {q.shape}", mend=f"{mend} finite fractions"))
+        raise InputError(f"the q points have the shape {q.shape}", mend=f"{mend} finite fractions")
     q = np.pad(q, ((0, 0), (0, 3 - q.shape[1])))
     check_inside(q, periods, "a q point")
     return q

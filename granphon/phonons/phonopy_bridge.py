@@ -21,7 +21,7 @@ from phonopy.physical_units import get_physical_units
 from phonopy.structure.atoms import PhonopyAtoms
 
 from granphon.balls.motions import Motions
-from granphon.base.errors import InputError, UnsupportedError, message
+from granphon.base.errors import InputError, UnsupportedError
 from granphon.base.scales import HertzPrefix, Units, read_header
 from granphon.base.staging import write_text
 from granphon.base.text import plain_yaml, read_sealed, require_own_file, seal, versions, warn_unverified, write_float
@@ -83,7 +83,7 @@ _AUXILIARY_MASS = 1e32
 
 def _refuse(name: str, reason: str) -> Any:
     def method(self: Any, *args: Any, **kwargs: Any) -> NoReturn:
-        raise UnsupportedError(message(f"Phonopy.{name} is refused for balls in contact: {reason}"))
+        raise UnsupportedError(f"Phonopy.{name} is refused for balls in contact: {reason}")
 
     method.__name__ = name
     method.__doc__ = f"Raises UnsupportedError: {reason}."

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.base.errors import GranphonError, InputError, message
+from granphon.base.errors import GranphonError, InputError
 from granphon.base.results import Result
 from granphon.base.staging import write_text
 from granphon.base.tables import Heading, table_text
@@ -105,7 +105,7 @@ class SurfaceSpectrum(Result):
         """Write a table of the ``waves``: a row for each, with its wave vector, and the distance along the path."""
         waves = self.waves
         if waves is None:
-            raise InputError(message("the spectrum holds no waves of the edge", mend="Take Surface.map"))
+            raise InputError("the spectrum holds no waves of the edge", mend="Take Surface.map")
         distances = self.distances if len(self.distances) else np.full(len(self.qpoints), np.nan)
         headings = [("distance", "1/d"), *((f"q{axis}", "") for axis in (1, 2, 3))]
         headings += [("frequency", "Hz"), ("width", "Hz"), ("weight", "")]
@@ -138,7 +138,7 @@ class Surface:
 
     def __init__(self, x: Any, axis: Any, edge: str = "free") -> None:
         if edge not in ("free", "clamped", "floor"):
-            raise InputError(message(f"edge is {edge!r}", mend="Give 'free', 'clamped' or 'floor'"))
+            raise InputError(f"edge is {edge!r}", mend="Give 'free', 'clamped' or 'floor'")
         self.network = given_network(x)
         self.half_space = HalfSpace(self.network, axis, edge)
 
@@ -161,9 +161,9 @@ class Surface:
         given = np.zeros((1, 0)) if q is None and p == 0 else real_array("q", q)
         if given.ndim != 2 or not len(given) or given.shape[1] not in (p, 3) or not np.all(np.isfinite(given)):
             what = f"the wave vectors have the shape {given.shape}"
-            raise InputError(message(what, f"There are {p} periods along this edge", f"Give (n, {p}) finite fractions"))
+            raise InputError(what, f"There are {p} periods along this edge", f"Give (n, {p}) finite fractions")
         if np.any(given[:, p:]):
-            raise InputError(message("a wave vector leaves the edge", mend=f"Give (n, {p}) fractions"))
+            raise InputError("a wave vector leaves the edge", mend=f"Give (n, {p}) fractions")
         return given[:, :p], np.pad(given[:, :p], ((0, 0), (0, 3 - p)))
 
     def path(self, npoints: int = 31) -> tuple[Array, Array, Array, tuple[str, ...]]:
@@ -211,9 +211,9 @@ class Surface:
         (fractions, points), half, unit = self._read(q), self.half_space, self._frequency
         at = finite_array("frequencies", frequencies, low="zero or above")
         if at.ndim != 1 or not at.size:
-            raise InputError(message(f"frequencies have the shape {at.shape}", mend="Give (n,) in Hz"))
+            raise InputError(f"frequencies have the shape {at.shape}", mend="Give (n,) in Hz")
         if damping is None and at.size < 2:
-            raise InputError(message("one frequency has no step", mend="Give damping in Hz"))
+            raise InputError("one frequency has no step", mend="Give damping in Hz")
         width = positive("damping", np.max(np.abs(np.diff(at))) if damping is None else damping, "Hz")
         omega = np.maximum(at / unit, _ZERO * np.sqrt(half.highest))
         w, n, f = omega * (omega + 1j * width / unit), len(points), len(at)
@@ -275,13 +275,13 @@ class Surface:
             where = f"q = {points[at].tolist()}"
             if at == 0 and np.any((continuum[0, :, 0] <= near) & (near <= continuum[0, :, 1])):
                 what = f"{near:.6g} Hz lies inside of the crystal's bands at {where}"
-                raise InputError(message(what, "A wave there leaks into the crystal", "Use branches(q, leaky=True)"))
+                raise InputError(what, "A wave there leaks into the crystal", "Use branches(q, leaky=True)")
             gap_low = np.max(continuum[at, :, 1], where=continuum[at, :, 1] < expected, initial=0.0)
             gap_high = np.min(continuum[at, :, 0], where=continuum[at, :, 0] > expected, initial=np.inf)
             here = found[at][(found[at] > gap_low) & (found[at] < gap_high)]
             if not here.size:
                 mend = "Give fewer wave vectors, or another frequency"
-                raise InputError(message(f"no wave of the edge is near {expected:.6g} Hz at {where}", mend=mend))
+                raise InputError(f"no wave of the edge is near {expected:.6g} Hz at {where}", mend=mend)
             out.append(float(here[np.argmin(np.abs(here - expected))]))
         return np.array(out)
 
@@ -319,10 +319,10 @@ class Surface:
         if along.shape == (p + 1,):
             turned = self.half_space.layers.turn[: p + 1, : p + 1] @ along
             if abs(turned[p]) > 1e-9 * np.linalg.norm(turned):
-                raise InputError(message("the direction leaves the edge", mend="Give one along it"))
+                raise InputError("the direction leaves the edge", mend="Give one along it")
             along = turned[:p]
         if along.shape != (p,) or not 0.0 < np.linalg.norm(along) < np.inf:
-            raise InputError(message(f"the direction has the shape {along.shape}", mend=f"Give {p} numbers, not all zero"))
+            raise InputError(f"the direction has the shape {along.shape}", mend=f"Give {p} numbers, not all zero")
         unit = self.half_space.units.velocity
         return float(unit * self.half_space.rayleigh_velocity(along / np.linalg.norm(along)))
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import PARAMETERS
-from granphon.base.errors import InputError, InstabilityError, MechanismError, message
+from granphon.base.errors import InputError, InstabilityError, MechanismError
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import LIGHT_VELOCITY, LOAD_KINDS, find_load_unit
 from granphon.base.tables import Heading, write_table
@@ -56,10 +56,14 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 #: direction of the waves on a line, in the plane and in space, as files tell it
 _FIRST_AXES = ("(1)", "(1, 0)", "(1, 0, 0)")
-#: costs of the observables of the waves in simulated arrays, and at edges
-_OF_WAVES = ("pulse", "spectrum", "dos", "surface")
+#: costs of the observables of the waves in simulated arrays, at edges, and in networks
+_OF_WAVES = ("pulse", "spectrum", "dos", "surface", "network")
 #: attribute "format" of the netCDF file, by which a sweep is recognised
 FORMAT = "granphon sweep"
+#: dimensions of tables of waves besides those of states, by the name of the file
+_ROWS = {
+    "sweep_dos": ("node",), "sweep_spectra": ("polarisation", "wavevector"), "response": ("response_frequency", "receiver"),
+}  # fmt: skip
 #: name of the attribute with the sha256 digest of the numbers
 DIGEST = "granphon_sha256"
 #: attributes in which other programs log what they did; the digest leaves them out, as they change no number
@@ -173,7 +177,7 @@ def make_frame(grid: Grid) -> Dataset:
         if len({(case.packing.structure, case.packing.ball_motions) for case in grid.cases}) > 1:
             why = "The number of branches, or the Brillouin zone, differs, so that they do not fit into one array"
             what = "bands cannot be swept over friction, motions or lattices"
-            raise InputError(message(what, why, "Make a sweep of each"))
+            raise InputError(what, why, "Make a sweep of each")
         vectors, p = packing.structure.vectors, packing.structure.periods
         qpoints, ticks = way
         cartesian = qpoints[..., :p] @ np.linalg.inv(vectors[:, :p]).T
@@ -219,6 +223,9 @@ def make_frame(grid: Grid) -> Dataset:
             labels = np.array(join_labels(waves.path, waves.labels))
             about = {"long_name": "corners of the path of the spectra"}
             variables["labels_of_path"] = ("corner_of_path", labels, about)
+        for one in waves.of_networks:
+            for name, (values, unit) in one.coordinates.items():
+                coordinates[name] = (name, np.array(values), {"units": unit} if unit else {})
     if asked.surface is not None:
         attrs["surface"] = to_json(asked.surface)
     if asked.finite_overlap and not all(one.is_exact for one in grid.media):
@@ -424,11 +431,12 @@ def _digest_numbers(dataset: Dataset) -> str:
 
 
 def write_waves(dataset: Dataset, path: Path) -> None:
-    """Write a table of the waves in simulated arrays, by the name of the file.
+    """Write a table of the waves in simulated arrays or in networks, by the name of the file.
 
-    sweep_dos.csv has a row for each state and frequency, sweep_spectra.csv one for each state, polarisation and wave vector.
+    sweep_dos.csv has a row for each state and frequency, sweep_spectra.csv one for each state, polarisation and wave vector,
+    and that of a block about networks one for each state and each of its coordinates.
     """
-    extra = ("node",) if path.name == "sweep_dos.csv" else ("polarisation", "wavevector")
+    extra = _ROWS[path.stem]
     dims = (*dataset["valid"].dims, *extra)
     whole = [one for one, data in dataset.data_vars.items() if set(extra[-1:]) <= set(data.dims) <= set(dims)]
     _write_rows(dataset, path, dims, [*(one for one in extra if one in dataset.coords), *whole])
@@ -471,11 +479,11 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
     except Exception as error:  # whatever makes HDF5, h5netcdf or xarray fail is in the file
         raise _explain_unreadable(path, str(error)) from None
     if dataset.attrs.get("format") != FORMAT:
-        raise InputError(message(f"{path} is not a sweep", "granphon did not write it", "Give a sweep.nc"))
+        raise InputError(f"{path} is not a sweep", "granphon did not write it", "Give a sweep.nc")
     schema: Any = dataset.attrs.get("schema")
     require_schema(path, schema.item() if isinstance(schema, np.generic) else schema, SWEEP_SCHEMA)
     if _REQUIRED - set(dataset.variables):
-        raise InputError(message(f"{path} is damaged: a part of the sweep is missing", mend="Run the sweep again"))
+        raise InputError(f"{path} is damaged: a part of the sweep is missing", mend="Run the sweep again")
     told = dataset.attrs.pop(DIGEST, None)
     if told is not None and told != _digest_numbers(dataset):
         raise damage_error(path, f"sha256 of the numbers, the attribute {DIGEST}")
@@ -493,7 +501,7 @@ def _require_sense(path: str | os.PathLike[str], dataset: Dataset) -> None:
                 raise ValueError
         except (TypeError, ValueError, RecursionError):
             what = f"{path} is damaged: its attribute {name} is {show(dataset.attrs[name])}, which is no JSON {_WORDS[kind]}"
-            raise InputError(message(what, mend="Run the sweep again")) from None
+            raise InputError(what, mend="Run the sweep again") from None
     # velocities that balls with some of the motions do not have are nan, and pressures that some lattices do not have
     lacking = not {"motions", "torsion", "bending", "lattice"}.isdisjoint(dataset.coords)
     errors = {name for name, one in CATALOGUE.items() if one.sampled} | {"exponent_error"}  # nan where not known
@@ -522,7 +530,7 @@ def _require_sense(path: str | os.PathLike[str], dataset: Dataset) -> None:
             wrong = None if np.all(good) else f"of which one is {values[~good].flat[0]:g}; allowed: {allowed}"
         if wrong is not None:
             what = f"{path} is damaged: it holds values of {name}, {wrong}"
-            raise InputError(message(what, mend="Run the sweep again"))
+            raise InputError(what, mend="Run the sweep again")
 
 
 def open_bytes(data: bytes) -> Dataset:
@@ -552,7 +560,7 @@ def open_bytes(data: bytes) -> Dataset:
 
 
 def _explain_unreadable(path: str | os.PathLike[str], why: str) -> InputError:
-    return InputError(message(f"{path} cannot be read", why, "Is this the right file?"))
+    return InputError(f"{path} cannot be read", why, "Is this the right file?")
 
 
 def _try_elsewhere(path: str | os.PathLike[str], data: bytes) -> None:

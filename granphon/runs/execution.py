@@ -18,7 +18,7 @@ from itertools import chain
 from queue import Empty, SimpleQueue
 from typing import NamedTuple, Protocol
 
-from granphon.base.errors import GranphonError, OutputError, message
+from granphon.base.errors import GranphonError, OutputError
 from granphon.base.progress import Progress, Step, silent
 from granphon.base.registry import list_added
 from granphon.runs.store import Store, TaskResult, decode, encode
@@ -86,7 +86,7 @@ def advance(
         what = f"a worker does not know the observable {min(missing)!r}"
         why = "It was registered in the process that began the work"
         mend = "Register it by an entry point of granphon.plugins, or in a script above its if __name__ == '__main__'"
-        raise GranphonError(message(what, why, mend))
+        raise GranphonError(what, why, mend)
     results, begun = list[Result](), time.perf_counter()
     for task, entry in orders:
         before = time.perf_counter()
@@ -213,7 +213,7 @@ class _Work:
         except CancelledError:
             what, why = "the scheduler does not answer any more", "It has ended, or the network has failed"
             mend = "What is finished is kept: run the same command again to continue"
-            raise GranphonError(message(what, why, mend)) from None
+            raise GranphonError(what, why, mend) from None
         except Exception as error:  # BrokenProcessPool, or KilledWorker of dask
             if not isinstance(error, BrokenExecutor) and type(error).__name__ != "KilledWorker":
                 raise
@@ -222,7 +222,7 @@ class _Work:
             if len(self.running) == len(indices) == 1 and times >= MOST_LOSSES:
                 what = f"{where}: the worker process that did it has ended, {times} times"
                 mend = "Give workers more memory, or take fewer --workers; run the same command again to continue"
-                raise GranphonError(message(what, "It was killed, or ran out of memory", mend)) from None
+                raise GranphonError(what, "It was killed, or ran out of memory", mend) from None
         for index, result in zip(indices, results, strict=False):
             self.store.append(self.tasks[index].name, result.entry)
         self.left.extendleft(reversed(indices[len(results) :]))

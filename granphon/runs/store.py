@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.errors import FileExistsInRunError, OutputError, message
+from granphon.base.errors import FileExistsInRunError, OutputError
 from granphon.base.staging import has_locks
 from granphon.base.text import show
 
@@ -138,12 +138,10 @@ class Store:
                 elif not before:
                     why = "The file does not say which work it belongs to"
                 raise FileExistsInRunError(
-                    message(
-                        f"{self.path} holds the finished part of other work, which was interrupted",
-                        why,
-                        "Repeat that command to continue it, use --force (force=True, overwrite=True) to discard what it "
-                        "has finished, or choose another folder",
-                    )
+                    f"{self.path} holds the finished part of other work, which was interrupted",
+                    why,
+                    "Repeat that command to continue it, use --force (force=True, overwrite=True) to discard what it "
+                    "has finished, or choose another folder",
                 )
             self.clear()
         if there and self.path.exists() and not os.access(self.path, os.W_OK):
@@ -257,7 +255,7 @@ class Store:
             if path is None or os.path.lexists(path):
                 what = f"{path}, with the finished parts of work that was interrupted, is damaged: {error}"
                 mend = "Use --force (force=True, overwrite=True) to discard it, or move it away"
-                raise OutputError(message(what, mend=mend)) from None
+                raise OutputError(what, mend=mend) from None
             return self._connect(make)
         return self._base
 
@@ -273,7 +271,7 @@ class Store:
         if head and (not head.startswith(_SQLITE) or head[60:64] + head[68:72] != _VERSION + _KIND):
             why = "The finished parts of work under way are kept in a file of that name"
             what = f"{path} is no store of finished tasks, or one of another version of granphon"
-            raise OutputError(message(what, why, "Move it away, or choose another folder"))
+            raise OutputError(what, why, "Move it away, or choose another folder")
         return True
 
     def _explain(self, error: OSError | sqlite3.Error, done: str = "written") -> OutputError:
@@ -282,14 +280,14 @@ class Store:
         if isinstance(error, FileNotFoundError):
             what = f"{self.path}, or its folder, has been removed or replaced while it was written"
             mend = "Run the same command again: it starts from the beginning"
-            return OutputError(message(what, "The parts that were finished are not there", mend))
+            return OutputError(what, "The parts that were finished are not there", mend)
         full = getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
         number = errno.ENOSPC if full else getattr(error, "errno", None)
         what = f"{self.path} cannot be {done}: {os.strerror(number) if number else error}"
         mend = f"Run the same command again when it can be {done}"
         if number == errno.ENOSPC:
             mend = "Free some space, and run the same command again"
-        return OutputError(message(what, "What was finished before is kept", mend))
+        return OutputError(what, "What was finished before is kept", mend)
 
     def close(self) -> None:
         """Force what has been written to the disk, and close the file; it is opened again when it is needed."""

@@ -28,7 +28,6 @@ from granphon.base.errors import (
     GranphonError,
     InputError,
     OutputError,
-    message,
 )
 from granphon.base.progress import Progress, silent
 from granphon.base.staging import ResultFiles, is_whole
@@ -160,7 +159,7 @@ def sweep(
     packing = given_balls(packing)
     media = default_medium(packing) if media is None else media
     if load is not None and any(one is not None for one in (force, pressure, overlap)):
-        raise InputError(message("a load is given twice", mend="Give load alone, or one of force, pressure, overlap"))
+        raise InputError("a load is given twice", mend="Give load alone, or one of force, pressure, overlap")
     load = Load.only(force=force, pressure=pressure, overlap=overlap) if load is None else load.applied.flat
     axes = [Axis.of(name, given) for name, given in parameters.items()]
     # all lattices of a sweep have the same number of periods
@@ -169,9 +168,9 @@ def sweep(
     for one in choices:
         one.require_for(packing)
     if not choices:
-        raise InputError(message("there is no medium to sweep over", mend="Give at least one, such as 'ala'"))
+        raise InputError("there is no medium to sweep over", mend="Give at least one, such as 'ala'")
     if twice := [choice.label for choice in choices if choices.count(choice) > 1]:
-        raise InputError(message(f"the medium {twice[0]!r} is given twice", mend="Give each once"))
+        raise InputError(f"the medium {twice[0]!r} is given twice", mend="Give each once")
     if require("finite_overlap", truth, finite_overlap):
         no_simulation(choices)
 
@@ -182,7 +181,7 @@ def sweep(
         way = tuple(map(tuple, numbers)) if along.ndim > 1 else tuple(numbers)
         if along.ndim > 1 and (double := find_double(along.tolist())) is not None:
             what = f"the sweep has the direction {way[double]} twice"
-            raise InputError(message(what, mend="Give each direction once"))
+            raise InputError(what, mend="Give each direction once")
 
     # what of the waves in samples
     waves, density = None, require("dos", truth, dos)
@@ -196,7 +195,7 @@ def sweep(
         rules = wave_rules("pulse", read=False)
         pulse = PulseSettings(**require("pulse", partial(block, rules=rules, needed=("frequency",)), pulse))
     if pulse is not None and way and isinstance(way[0], tuple):
-        raise InputError(message("a pulse is asked for in several directions", mend="Give one direction"))
+        raise InputError("a pulse is asked for in several directions", mend="Give one direction")
     if density or spectrum is not None or pulse is not None:
         corners = ((), ()) if path_of_spectra is None else (path_of_spectra.paths, path_of_spectra.names)
         waves = WaveSettings(density, spectrum, *corners, pulse, way if pulse is not None else None)
@@ -237,12 +236,12 @@ def sweep_grid(
     target = None if path is None else Path(path)
     if target is None and resume:
         what, why = "a sweep without a path cannot be resumed", "Its finished parts are kept beside its file"
-        raise InputError(message(what, why, "Give path"))
+        raise InputError(what, why, "Give path")
     if target is None:
         with nullcontext(store) if store is not None else open_store(None) as place:
             return run.join(run.do(executor, progress, place))
     if target.suffix != ".nc":
-        raise InputError(message(f"{target} does not end in .nc", "It is a netCDF file, with a .csv beside it"))
+        raise InputError(f"{target} does not end in .nc", "It is a netCDF file, with a .csv beside it")
     names = file_names(target)
     if resume and not overwrite and is_whole(target.parent, names):
         there = load_sweep(target)

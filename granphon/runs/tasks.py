@@ -33,7 +33,7 @@ from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.parameters import Axis, combine
-from granphon.base.errors import ConvergenceError, GranphonError, InputError, MechanismError, message
+from granphon.base.errors import ConvergenceError, GranphonError, InputError, MechanismError
 from granphon.base.registry import list_added
 from granphon.base.results import plain, read_only
 from granphon.base.text import counted
@@ -164,8 +164,9 @@ class Case:
             at, periods = error.load_index, self.packing.structure.periods
             located = _name_task(self.label, error) if at is None else _name_load(self.label, self.load, at, error, periods)
             raise located from error
-        # lattices have no waves of their own here, and their exponents cost nothing
-        ideal = replace(self.asked, waves=None, exponents=True)
+        # lattices have no waves of their own here, but for those of networks, and their exponents cost nothing
+        networks = () if self.asked.waves is None else self.asked.waves.of_networks
+        ideal = replace(self.asked, waves=WaveSettings(of_networks=networks) if networks else None, exponents=True)
         return [
             MediumTask(
                 f"{self.label}: {serving.medium.label}" if serving.chosen_automatically else self.label,
@@ -211,6 +212,8 @@ class Case:
         """Return the variables of the only state; ``records`` are those of its samples, if it has any."""
         (task,) = self.media
         out = task.observe(analysis)
+        if not records:
+            return task.add_networks(out, analysis.state)
         return out if task.asked.waves is None else _add_waves(out, task, task.load, records)
 
     def restore(self, parts: Sequence[TaskResult]) -> SimulatedState:
@@ -254,10 +257,10 @@ def require_arrays(media: Sequence[MediumChoice], swept: Iterable[str], names: I
         return
     if changing := [name for name in swept if name in ("lattice", "motions")]:
         what = f"the spectra of a sweep over {changing[0]} do not fit into one array"
-        raise InputError(message(what, "Their wave vectors or polarisations differ", "Make a scene of each"))
+        raise InputError(what, "Their wave vectors or polarisations differ", "Make a scene of each")
     if len({one.settings.get("shape") for one in media}) > 1:
         what = "the spectra of arrays of several shapes do not fit into one array"
-        raise InputError(message(what, "Their wave vectors differ", "Make a scene of each shape"))
+        raise InputError(what, "Their wave vectors differ", "Make a scene of each shape")
 
 
 def pad_alike(arrays: Sequence[Array]) -> list[Array]:
@@ -367,9 +370,11 @@ class MediumTask:
         An error names its task and, if it is known, its load.
         """
         try:
-            return self.observe(Analysis(self.state(self.load), self.asked.direction))
+            analysis = Analysis(self.state(self.load), self.asked.direction)
+            out = self.observe(analysis)
         except GranphonError as error:
             raise self._locate(error) from error
+        return out if self.serving.arrays else self.add_networks(out, analysis.state)
 
     def observe(self, analysis: Analysis) -> TaskResult:
         """Return the variables of a state, with an axis of loads, and its "warnings"."""
@@ -414,6 +419,23 @@ class MediumTask:
             notes += [LATTICE_BANDS] * bool(state.n_samples)
         return found | {"warnings": _write_notes(notes)}
 
+    def add_networks(self, out: TaskResult, state: ContactState) -> TaskResult:
+        """Return ``out`` with what is asked of the network at each load, without samples; errors name the load."""
+        if self.asked.waves is None:
+            return out
+        from granphon.runs.wave_records import record_networks  # imported here: other runs do not need it
+
+        records, periods = list[SampleRecord](), self.serving.packing.structure.periods
+        for index in range(self.load.size):
+            try:
+                network = (state if state.is_single else state[index]).network
+                records.append(SampleRecord(of_waves=record_networks(network, self.asked.waves)))
+            except GranphonError as error:
+                if self.asked.alone:
+                    raise
+                raise _name_task(f"{self.where}, {self.load[index].describe(periods)}", error) from None
+        return _add_waves(out, self, self.load, records)
+
     def _locate(self, error: GranphonError) -> GranphonError:
         """Return an error whose message begins with the task and the load.
 
@@ -453,6 +475,8 @@ def _name_task(where: str, error: GranphonError) -> GranphonError:
 
 def _add_waves(out: TaskResult, task: MediumTask, load: Load, records: Sequence[SampleRecord]) -> TaskResult:
     """Return ``out`` with the means over samples of the waves at the loads of a task, and notes on what is not known.
+
+    A state without samples has one record at each load.
 
     An observable that is not known at some of the loads is nan there; one that is known at none is left out.
     """

@@ -30,7 +30,7 @@ from importlib.util import find_spec
 from multiprocessing.connection import wait
 from typing import Any, cast
 
-from granphon.base.errors import GranphonError, InputError, message
+from granphon.base.errors import GranphonError, InputError
 from granphon.base.text import versions
 from granphon.media.cost import available_memory
 from granphon.runs import MOST_WORKERS
@@ -69,7 +69,7 @@ def require_packages(worker: str, there: Mapping[str, str | None], here: Mapping
         if (found := there.get(name)) != version:
             has = f"has no {name}" if found is None else f"has {name} {found}"
             what, why = f"{worker} {has}, and this process has {name} {version}", "Its numbers could be others"
-            raise GranphonError(message(what, why, "Install the same version on all machines"))
+            raise GranphonError(what, why, "Install the same version on all machines")
 
 
 @contextmanager
@@ -166,7 +166,7 @@ class Workers(Executor):
             except (OSError, RuntimeError) as error:  # too many processes, open files or threads
                 why = getattr(error, "strerror", None) or error
                 what = f"worker process {len(self._pools) + 1} cannot be started: {why}"
-                raise GranphonError(message(what, mend="Take fewer --workers")) from None
+                raise GranphonError(what, mend="Take fewer --workers") from None
         try:
             future: Future[Any] = pool.submit(_call, fn, *args, **kwargs)
         except BrokenProcessPool:  # it was killed
@@ -212,13 +212,13 @@ def require_workers(workers: int | None, scheduler: str | None) -> str | int | N
     if not local and (address is None or not 0 < int(address[1]) < 65536):
         what = f"--scheduler found {scheduler!r}; allowed: the address of a dask scheduler, or local:N"
         what += f" with N worker processes, 1 to {MOST_WORKERS}"
-        raise InputError(message(what, mend="Give one such as tcp://10.0.0.1:8786, as dask scheduler prints it, or local:4"))
+        raise InputError(what, mend="Give one such as tcp://10.0.0.1:8786, as dask scheduler prints it, or local:4")
     if workers is not None:
         what = "both --workers and --scheduler are given"
-        raise InputError(message(what, "The workers are those of the scheduler", "Leave one of them out"))
+        raise InputError(what, "The workers are those of the scheduler", "Leave one of them out")
     for package, why in list(_NEEDED.items())[: 1 + local]:
         if find_spec(package) is None:
-            raise InputError(message(f"{package} is not installed", why, "Install it: pip install 'granphon[distributed]'"))
+            raise InputError(f"{package} is not installed", why, "Install it: pip install 'granphon[distributed]'")
     return int(count) if local else scheduler
 
 
@@ -253,7 +253,7 @@ def open_executor(workers: int | None = None, scheduler: str | None = None) -> I
             try:
                 client.wait_for_workers(asked, _START_SECONDS)
             except TimeoutError:
-                raise GranphonError(message("the worker processes of the local scheduler do not start")) from None
+                raise GranphonError("the worker processes of the local scheduler do not start") from None
         yield client.get_executor()
 
 
@@ -287,7 +287,7 @@ def check_workers(client: Any, memory: float, where: str) -> None:
             at_once = f" for {threads} tasks at once" if threads > 1 else ""
             what = f"{where} needs about {memory / 1e9:.2g} GB"
             why = f"The worker {address} has {limit / 1e9:.2g} GB{at_once}"
-            raise GranphonError(message(what, why, "Give workers more memory, or take fewer balls"))
+            raise GranphonError(what, why, "Give workers more memory, or take fewer balls")
 
 
 def _find_versions() -> dict[str, str]:
@@ -322,7 +322,7 @@ def _start_cluster(count: int) -> Iterator[Any]:
                     scheduler_kwargs=_NO_DASHBOARD, silence_logs=logging.CRITICAL + 1, security=Security.temporary(),
                 )  # fmt: skip
         except (OSError, RuntimeError) as error:
-            raise GranphonError(message(f"the local scheduler cannot be started: {error}")) from None
+            raise GranphonError(f"the local scheduler cannot be started: {error}") from None
         try:
             cluster.scale(count)
             yield cluster
@@ -365,7 +365,7 @@ def _connect(address: str, what: str, security: Any) -> Iterator[Any]:
     options = security.get_connection_args("client")
     if address.startswith("tls://") and options["ssl_context"] is None:
         why = "The settings of dask name no certificates (distributed.comm.tls: ca-file, client.cert, client.key)"
-        raise InputError(message(f"{what} cannot be reached", why, "Give those of the scheduler there"))
+        raise InputError(f"{what} cannot be reached", why, "Give those of the scheduler there")
     try:
         asyncio.run(asyncio.wait_for(greet(), _ANSWER_SECONDS))
         with warnings.catch_warnings():  # of versions that differ, which are looked at here
@@ -373,7 +373,7 @@ def _connect(address: str, what: str, security: Any) -> Iterator[Any]:
             client = Client(address, timeout=_ANSWER_SECONDS, set_as_default=False, name="granphon", security=security)
     except (OSError, ValueError, TimeoutError, RuntimeError) as error:
         why = f"No scheduler has answered there within {_ANSWER_SECONDS:g} s ({type(error).__name__})"
-        raise GranphonError(message(f"{what} cannot be reached", why, "Is it running, and is the address right?")) from None
+        raise GranphonError(f"{what} cannot be reached", why, "Is it running, and is the address right?") from None
     try:
         yield client
     finally:

@@ -11,7 +11,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from granphon.balls.layers import Layers
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import Axis, change_packing, count_combinations, find_unit
-from granphon.base.errors import GranphonError, InputError, MechanismError, Refused, message
+from granphon.base.errors import GranphonError, InputError, MechanismError, Refused
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import LENGTH, find_load_unit
 from granphon.base.tables import Heading, table_text
@@ -38,7 +38,17 @@ from granphon.runs.tasks import Asked, Case, Grid, require_arrays
 from granphon.scene import rules
 from granphon.scene.file import SceneSource, scene_rule, write_blocks
 from granphon.scene.rules import Context
-from granphon.waves.settings import MOMENTS, READINGS, WAVES, PulseSettings, SpectrumSettings, SurfaceSettings, WaveSettings
+from granphon.waves.settings import (
+    MOMENTS,
+    NETWORK_BLOCKS,
+    READINGS,
+    WAVES,
+    PulseSettings,
+    ResponseSettings,
+    SpectrumSettings,
+    SurfaceSettings,
+    WaveSettings,
+)
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -126,7 +136,7 @@ class PlannedCase:
         serving = next(serving for serving in self.serving_media if index in serving.loads)
         state = self._solve(serving, self.case.load[index])
         if not (0.0 < state.scales.frequency < math.inf and 0.0 < state.scales.velocity < math.inf):
-            raise InputError(message("the frequencies or velocities are beyond double precision"))
+            raise InputError("the frequencies or velocities are beyond double precision")
         return state
 
     def _solve(self, serving: ServingMedium, load: Load) -> ContactState:
@@ -156,6 +166,7 @@ class Plan:
     surface: SurfaceSettings | None = None
     spectrum: SpectrumSettings = _SPECTRUM
     pulse: PulseSettings | None = None
+    response: ResponseSettings | None = None
     source: Path | None = field(default=None, compare=False)
     #: document and file that the scene was read from; a copy made by ``replace`` has none, as its values may differ
     origin: SceneSource = field(default=SceneSource(), init=False, repr=False, compare=False)
@@ -169,7 +180,7 @@ class Plan:
             object.__setattr__(self, "packing", change_packing(self.packing, {"lattice": swept[0]}))
         if not self.mesh:
             object.__setattr__(self, "mesh", MESHES[lattice.periods - 1])
-        if isinstance(self.media, tuple | list) and not self.media:
+        if isinstance(cast("object", self.media), tuple | list) and not self.media:
             object.__setattr__(self, "media", default_medium(self.packing, self.balls_differ))
         at = Context(lattice, written=False, kinds=self.packing.kind_names)
         for name in ("media", "finite_overlap", "observe", "band_points", "mesh", "dim", "direction"):
@@ -181,7 +192,7 @@ class Plan:
         if self.band is None and (lattice.periods == 2 or {"bands", "spectrum"} & set(self.observe)):
             object.__setattr__(self, "band", BandPath.default(lattice))
         if self.load.array.ndim > 1:
-            raise InputError(message(f"the load has the shape {self.load.shape}", mend="Give one number, or a list of them"))
+            raise InputError(f"the load has the shape {self.load.shape}", mend="Give one number, or a list of them")
         self._require_consistency()
 
     @property
@@ -202,14 +213,17 @@ class Plan:
 
     @cached_property
     def waves(self) -> WaveSettings | None:
-        """What is observed of the waves in arrays, where media simulate them; None for nothing."""
-        if not set(WAVES) & set(self.observe):
+        """What is observed of the waves in arrays, where media simulate them, and of networks; None for nothing."""
+        blocks = (getattr(self, name) for name in NETWORK_BLOCKS if name in self.observe)
+        networks = tuple(one for one in blocks if one is not None)
+        if not networks and not set(WAVES) & set(self.observe):
             return None
         spectrum = self.spectrum if "spectrum" in self.observe else None
         path = self.path if spectrum is not None else None
         way = (path.paths, path.names) if path is not None else ((), ())
         pulse = self.pulse if "pulse" in self.observe else None
-        return WaveSettings("dos" in self.observe, spectrum, *way, pulse, self.direction if pulse is not None else None)
+        along = self.direction if pulse is not None else None
+        return WaveSettings("dos" in self.observe, spectrum, *way, pulse, along, networks)
 
     @property
     def is_single(self) -> bool:
@@ -227,7 +241,7 @@ class Plan:
         if len(text.encode()) > MOST_SCENE_BYTES:
             size, most = len(text.encode()) // 1000, MOST_SCENE_BYTES // 1000
             what = f"the scene takes {size} kB as a text; a scene file holds {most} kB"
-            raise InputError(message(what, mend="Give long lists as a range, or call granphon.sweep"))
+            raise InputError(what, mend="Give long lists as a range, or call granphon.sweep")
         return text
 
     def describe(self) -> list[tuple[str, Any, str]]:
@@ -318,7 +332,7 @@ class Plan:
         asked = Asked(
             self.finite_overlap, path=path, direction=self.direction, waves=self.waves, exponents=sound,
             surface=self.surface if "surface" in self.observe else None,
-            sound=sound or not {"bands", "dos", "surface"} & set(self.observe), alone=self.is_single,
+            sound=sound or not {"bands", "dos", "surface", *NETWORK_BLOCKS} & set(self.observe), alone=self.is_single,
             observed=tuple(name for name in self.observe if name not in rules.OBSERVABLES),
         )  # fmt: skip
         return Grid(self.packing, self.axes, self.media, self.load.applied.flat, asked)
@@ -335,7 +349,7 @@ class Plan:
     def case(self) -> PlannedCase:
         """The only case of a scene of one state; :class:`~granphon.base.errors.InputError` if the scene is a sweep."""
         if not self.is_single:
-            raise InputError(message("the scene is a sweep", "It has many states", "Use states(), or run it"))
+            raise InputError("the scene is a sweep", "It has many states", "Use states(), or run it")
         return self.cases[0]
 
     @property
@@ -398,7 +412,7 @@ class Plan:
                             mend = "In a scene of its own it has bands and a density of states: observe: [bands, dos]"
                         elif not self.is_single:
                             mend = "It has bands, which a sweep without velocities has: observe: [bands]"
-                        raise MechanismError(message(str(error), mend=mend)) from None
+                        raise MechanismError(str(error), mend=mend) from None
             with self.origin.at_medium(case.medium.label, f"a medium for the {packing.structure.name} lattice"):
                 # a sweep leaves it to its own processes to solve one law after the other
                 later = not self.is_single and medium.is_solved_anew
@@ -418,11 +432,16 @@ class Plan:
         a hundred thousand balls take seconds.
         """
         wanted = self.waves
-        if wanted is None or (wanted.spectrum is None and wanted.pulse is None):
+        if wanted is None or (wanted.spectrum is None and wanted.pulse is None and not wanted.of_networks):
             return
-        from granphon.runs.wave_records import require_waves  # imported here: a scene without waves does not need it
+        from granphon.runs.network_records import require_network  # imported here: not all scenes need it
+        from granphon.runs.wave_records import require_waves
 
         for one in self.few:
+            for block in wanted.of_networks:
+                for key in block.of_network:
+                    with self.origin.at(block.block, key):
+                        require_network(one.serving_media, block, key, most)
             with self.origin.at("spectrum"):
                 require_waves(one.serving_media, replace(wanted, pulse=None), most)
             with self.origin.at("pulse"):
@@ -518,7 +537,7 @@ class Plan:
             return total if parts else None
         path, mend, _ = max(parts, key=lambda part: float(getattr(part[2], of)))
         with self.origin.at(*path):
-            raise InputError(message(f"{total.text}, and {limit}", mend=mend))
+            raise InputError(f"{total.text}, and {limit}", mend=mend)
 
     @cached_property
     def parts(self) -> list[CostPart]:
@@ -607,6 +626,10 @@ class Plan:
              "Make a scene of each."),
             ("pulse", self.pulse is None, "without a frequency", "pulse with a block 'pulse'",
              "Add a block such as pulse: {frequency: 6.5 kHz}."),
+            *((name, getattr(self, name) is None, "without its settings", f"{name} with a block '{name}'",
+               f"Add a block '{name}'.") for name in NETWORK_BLOCKS),
+            *((name, len({one.simulates for one in self.media}) > 1, "of lattices and of arrays",
+               f"{name} of one or the other", "Make a scene of each.") for name in NETWORK_BLOCKS),
             ("bands", branches, f"with a sweep over {' and '.join(branches)}",
              "velocities, as the branches differ in number or zone", "Make a scene of each."),
         ):  # fmt: skip

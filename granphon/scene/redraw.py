@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granphon.base.errors import InputError, MissingFileError, message
+from granphon.base.errors import InputError, MissingFileError
 from granphon.base.staging import ResultFiles, read_written_files
 from granphon.base.text import read_bytes, read_yaml
 from granphon.scene.run import (
@@ -18,6 +18,7 @@ from granphon.scene.run import (
     draw_sweep,
     read_summary,
 )
+from granphon.waves.settings import NETWORK_BLOCKS
 
 if TYPE_CHECKING:
     from granphon.dynamics.contact_lattice import ContactLattice
@@ -29,8 +30,8 @@ _FORMATS = (".pdf", ".png", ".svg")
 _FIGURE = "comparison.png"
 #: the files of results that are drawn over the load, as bands, and as densities of states
 DRAWN = ("sweep.nc", "fit.yaml", "band.yaml", "dos.csv")
-#: the names of files that mean one figure of waves in the arrays of a sweep
-_OF_SWEEPS = {Path(name).stem for name in SWEEP_FIGURES}
+#: the names of files that mean one figure of waves in the arrays of a sweep, or in the networks of states
+_OF_SWEEPS = {*(Path(name).stem for name in SWEEP_FIGURES), *NETWORK_BLOCKS}
 
 
 def redraw(
@@ -68,27 +69,27 @@ def redraw(
     stem = None if out is None else Path(out).stem
     there = {*waves, *(one for one in _OF_SWEEPS if (source / f"{one}.csv").exists())}
     if stem in {*KEPT, *_OF_SWEEPS} - there:
-        raise InputError(message(f"{source} holds no {stem} to draw", mend="Give the figure another name"))
+        raise InputError(f"{source} holds no {stem} to draw", mend="Give the figure another name")
     # the one that the file's name says; without bands and the like, the first
     alone = waves == ["surface"] and set(have) == {"sweep.nc"} and out is None and variable is None
     wave = next((name for name in waves if name == stem), next(iter(waves), None) if alone or not have else None)
     if not (have or waves):
         what = f"{source} holds neither sweep.nc nor band.yaml nor dos.csv nor fit.yaml, and no waves of a simulation"
         why = "forces.png is drawn by 'granphon run' alone" if (source / "forces.png").is_file() else ""
-        raise InputError(
-            message(what, why, "Give a folder with bands, a density of states or a sweep that 'granphon run' wrote")
-        )
+        raise InputError(what, why, "Give a folder with bands, a density of states or a sweep that 'granphon run' wrote")
     if wave is not None:
         have = {}
     elif variable is None and stem not in _OF_SWEEPS and (spectra := {"band.yaml", "dos.csv"} & set(have)):
         have = {name: path for name, path in have.items() if name in spectra}  # of a single state they are the figure
-    swept, fitted = "sweep.nc" in have, "fit.yaml" in have
+    swept, fitted, kept = "sweep.nc" in have, "fit.yaml" in have, "sweep"
     if (swept or fitted) and asymptotes:
         what = f"{source} holds a {'sweep' if swept else 'fit'}"
-        raise InputError(message(what, "Long waves are drawn beside bands only", "Leave asymptotes out"))
+        raise InputError(what, "Long waves are drawn beside bands only", "Leave asymptotes out")
     if variable is not None and not swept:
-        raise InputError(message(f"{source} holds no sweep", "Only a sweep has variables to draw", "Leave variable out"))
-    kind = wave or ("sweep" if swept else "fit" if fitted else "bands" if "band.yaml" in have else "dos")
+        raise InputError(f"{source} holds no sweep", "Only a sweep has variables to draw", "Leave variable out")
+    if swept and out is None and variable is None and "states" not in read_summary(source):  # of one state it has no line
+        kept = next((name for name in NETWORK_BLOCKS if name in there), "sweep")
+    kind = wave or (kept if swept else "fit" if fitted else "bands" if "band.yaml" in have else "dos")
     target = source / f"{kind}.png" if out is None else Path(out)
 
     def draw() -> Any:
@@ -141,7 +142,7 @@ def draw_together(
     """
     names = [str(source) for source in sources]
     if (double := next((name for name in names if names.count(name) > 1), None)) is not None:
-        raise InputError(message(f"{double} is given twice", mend="Give each run once"))
+        raise InputError(f"{double} is given twice", mend="Give each run once")
 
     def draw() -> Any:
         from granphon.figures.curves import comparison_figure
@@ -166,7 +167,7 @@ def _draw(
     """Write the figure that ``draw`` draws of the results in ``folders`` into the file ``target``, and return its path."""
     if target.suffix not in _FORMATS:
         what = f"{target.name} has an ending that names no figure format"
-        raise InputError(message(what, mend="Use " + ", ".join(_FORMATS)))
+        raise InputError(what, mend="Use " + ", ".join(_FORMATS))
     # lock before anything is read, so that no run can replace the results while the figure of them is drawn
     with ResultFiles(target.parent, [target.name], force, inputs=inputs).open() as locked:
         before = [read_written_files(folder) for folder in folders]
@@ -174,7 +175,7 @@ def _draw(
         for folder, written in zip(folders, before, strict=True):
             if read_written_files(folder) != written:
                 what = f"{folder} was written into while it was read"
-                raise InputError(message(what, "The figure would mix two results", "Draw it again"))
+                raise InputError(what, "The figure would mix two results", "Draw it again")
         from granphon.figures.style import save_figure
 
         with locked.staging() as place:
@@ -198,7 +199,7 @@ def read_run(source: str | os.PathLike[str]) -> Run:
     have = {_name_kind(path): path} if path.is_file() else _find_results(path)
     if not have:
         what = f"{name} holds no results to draw with others"
-        raise InputError(message(what, mend="Give the folder of a run or of a fit, or one of its files, such as sweep.nc"))
+        raise InputError(what, mend="Give the folder of a run or of a fit, or one of its files, such as sweep.nc")
     return _read_files(name, have)
 
 
@@ -233,7 +234,7 @@ def _find_results(source: Path) -> dict[str, Path]:
     """
     if not source.is_dir():
         what = f"{source} is no folder" if os.path.lexists(source) else f"there is no folder {source}"
-        raise MissingFileError(message(what, mend="Give the folder of a run"))
+        raise MissingFileError(what, mend="Give the folder of a run")
     # whatever has the name is read, and a folder or a link to nothing is then an error
     have = {name: source / name for name in DRAWN if os.path.lexists(source / name)}
     written = set(read_written_files(source))
@@ -242,7 +243,7 @@ def _find_results(source: Path) -> dict[str, Path]:
     if lost := [name for name in DRAWN if name not in have and name in written]:
         what = f"{source} holds no {' and no '.join(lost)}, though a run wrote it there"
         mend = "Run the scene again, or copy what is to be drawn into a folder of its own"
-        raise MissingFileError(message(what, "The figure would leave it out", mend))
+        raise MissingFileError(what, "The figure would leave it out", mend)
     return have
 
 
@@ -260,7 +261,7 @@ def _name_kind(path: Path) -> str:
     if path.suffix == ".yaml" and b"\nphonon:" in head:
         return "band.yaml"
     mend = "Give the folder of a run or of a fit, or sweep.nc, fit.yaml, band.yaml or dos.csv of one"
-    raise InputError(message(f"{path} is no folder, and no file of results that is drawn", mend=mend))
+    raise InputError(f"{path} is no folder, and no file of results that is drawn", mend=mend)
 
 
 def _find_lattice(source: Path) -> ContactLattice:

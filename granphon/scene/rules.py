@@ -27,9 +27,10 @@ from granphon.balls.material import Material, read_poisson_ratio
 from granphon.balls.motions import allowed_motions
 from granphon.balls.packing import MINDLIN
 from granphon.balls.parameters import KIND_PARAMETERS, PARAMETERS, Axis, find_double, find_unit
-from granphon.base.errors import InputError, Refused, message
+from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import (
     DENSITY,
+    FREQUENCY,
     INERTIA,
     LENGTH,
     MASS,
@@ -48,6 +49,7 @@ from granphon.base.validation import (
     choice,
     each,
     grid,
+    is_one_of,
     is_whole,
     label,
     number,
@@ -59,11 +61,12 @@ from granphon.base.validation import (
 )
 from granphon.media.choice import MEDIA, MediumChoice, read_medium
 from granphon.observables.catalogue import CATALOGUE
+from granphon.waves.settings import NETWORK_BLOCKS, ascending
 
 #: version number of the layout of a scene file, its key "schema"
 SCENE_SCHEMA = 1
 #: what a scene may compute, in the order in which a scene keeps it
-OBSERVABLES = ("velocities", "bands", "gaps", "dos", "surface", "spectrum", "pulse")
+OBSERVABLES = ("velocities", "bands", "gaps", "dos", "surface", "spectrum", "pulse", *NETWORK_BLOCKS)
 #: how the points of a range may be spaced; the first is the default
 SCALES = ("log", "linear")
 
@@ -166,6 +169,11 @@ def write_values(given: Sequence[float], write: Callable[[float], Any]) -> Any:
         if positive and space_evenly(first, last, count, scale) == tuple(given):
             return {"from": write(first), "to": write(last), "points": count, "scale": scale}
     return [write(value) for value in given]
+
+
+FREQUENCIES = Kind.plain(
+    lambda value: ascending(read_values(value, FREQUENCY.read)), lambda found: write_values(found, FREQUENCY.write)
+)
 
 
 # -- spreads --------------------------------------------------------------------------------------------------------
@@ -277,7 +285,7 @@ def _read_motions(value: Any, at: Context) -> str:
     """Read the name of motions that the balls of the lattice can have, in a sweep those of each lattice."""
     for lattice in at.swept or (at.lattice,):
         options = tuple(allowed_motions(lattice.dimension))
-        if not (isinstance(value, str) and value in options):
+        if not is_one_of(value, options):
             allowed = f"{', '.join(options)}; the {lattice.name} lattice lies {_PLACES[lattice.dimension - 1]}"
             meant = closest(value.replace(" ", "_"), options) if isinstance(value, str) else None
             raise Refused(show(value), allowed, f"Did you mean {meant!r}?" if meant else "")
@@ -644,7 +652,7 @@ def _write_law(law: Any) -> Any:
             return {name: numbers} if numbers else name
     what = f"the law {law!r}"
     mend = f"Use {', '.join(LAWS)}, granphon.register_law for your own, or granphon.sweep"
-    raise InputError(message(what, "A scene file has no words for it", mend))
+    raise InputError(what, "A scene file has no words for it", mend)
 
 
 def _read_any_motions(value: Any) -> str:

@@ -37,7 +37,7 @@ from granphon.balls.hertz import EXPONENT, FREQUENCY_EXPONENT
 from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing, given_packing
-from granphon.base.errors import GranphonError, InputError, message
+from granphon.base.errors import GranphonError, InputError
 from granphon.base.progress import Progress, Step, silent
 from granphon.base.results import Result
 from granphon.base.scales import write_quantity
@@ -648,7 +648,7 @@ def tradeoff(
         loads = loads[np.unique(np.rint(np.linspace(0, loads.size - 1, most_loads)).astype(int))]
     if not packing.width:
         why = "All media are exact for them, and equally fast"
-        raise InputError(message("equal balls leave nothing to compare", why, "Give the packing a spread"))
+        raise InputError("equal balls leave nothing to compare", why, "Give the packing a spread")
     # balls that differ need a simulated array by which media are judged
     structure = packing.structure
     where, mend, why = f"on the {structure.name} lattice", "Use another lattice, or leave the spread out", ""
@@ -662,11 +662,11 @@ def tradeoff(
             DirectSimulation(packing, (1,) * structure.periods, **against.options)
         except GranphonError as error:
             told = f"Their reference is the simulated array: {error}"
-            raise InputError(message(f"media are not compared {where}", told)) from None
+            raise InputError(f"media are not compared {where}", told) from None
         if structure.periods == 2 and not ideal_lattice(packing).is_isotropic:
             why = "In the plane velocities are compared where sound is isotropic"
     if why:
-        raise InputError(message(f"media are not compared {where}", why, mend))
+        raise InputError(f"media are not compared {where}", why, mend)
     asked = ["velocities" in observe, "velocities" in observe, bool({"bands", "dos"} & set(observe))]
     study = MediaStudy(packing, Load(applied.kind, loads), tuple(compress(QUANTITIES, asked)), stopwatch, against)
     identity = {

@@ -25,7 +25,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.base.errors import InputError, InstabilityError, message
+from granphon.base.errors import InputError, InstabilityError
 from granphon.base.results import Result
 from granphon.base.validation import positive, whole_number
 from granphon.waves.operator import UNSTABLE, WaveOperator
@@ -69,14 +69,14 @@ class Kernel:
         if resolution is None:
             return cls(top, whole_number("moments", MOMENTS if moments is None else moments, 2, _MOST))
         if moments is not None:
-            raise InputError(message("a resolution and a number of moments are given", "Each follows from the other"))
+            raise InputError("a resolution and a number of moments are given", "Each follows from the other")
         wanted = math.pi * top / (2.0 * positive("resolution", resolution, "Hz"))
         if wanted > _MOST:
             what = f"a resolution of {resolution:g} Hz takes {wanted:.3g} moments, as frequencies go up to {top:g} Hz"
-            raise InputError(message(what, mend=f"Give {math.pi * top / (2.0 * _MOST):.3g} Hz or more"))
+            raise InputError(what, mend=f"Give {math.pi * top / (2.0 * _MOST):.3g} Hz or more")
         if wanted < _LEAST:
             what = f"a resolution of {resolution:g} Hz tells no frequencies apart, as they go up to {top:g} Hz"
-            raise InputError(message(what, mend=f"Give {math.pi * top / (2.0 * _LEAST):.3g} Hz or less"))
+            raise InputError(what, mend=f"Give {math.pi * top / (2.0 * _LEAST):.3g} Hz or less")
         return cls(top, max(math.ceil(wanted * (1.0 - _ROUNDING)), 2))
 
     @property
@@ -136,7 +136,7 @@ class Kernel:
         """Raise :class:`~granphon.base.errors.InputError` if ``frequencies`` are not the points of a density."""
         if frequencies.size != self.count or not np.allclose(frequencies, self.frequencies, rtol=_ROUNDING, atol=0.0):
             what = f"the frequencies are not those of {self.moments} moments up to {self.top:g} Hz"
-            raise InputError(message(what, mend="Compute the spectrum again"))
+            raise InputError(what, mend="Compute the spectrum again")
 
 
 def polynomials(operator: WaveOperator, start: Array) -> Iterator[Array]:
@@ -235,7 +235,7 @@ class Refinable(Result):
         if self._work is None:
             name = type(self).__name__
             mend = "Ask gp.Waves(network) for it again"
-            raise InputError(message(f"this {name} was read from data, which do not have the network", mend=mend))
+            raise InputError(f"this {name} was read from data, which do not have the network", mend=mend)
         return self._work
 
     def with_moments(self, moments: int) -> Self:

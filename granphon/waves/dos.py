@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.sample import standard_error
 from granphon.balls.diameters import uniform_numbers
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError
 from granphon.base.results import Result
 from granphon.base.validation import finite_array, whole_number
 from granphon.observables.validity import check_network
@@ -63,10 +63,10 @@ def find_local_density(
     network, kernel = operator.network, Kernel.of(operator.top / (2.0 * math.pi), resolution, moments)
     hertz = np.atleast_1d(finite_array("frequencies", frequencies, "Hz", "zero or above"))
     if hertz.ndim != 1:
-        raise InputError(message(f"the frequencies have the shape {hertz.shape}", mend="Give a list"))
+        raise InputError(f"the frequencies have the shape {hertz.shape}", mend="Give a list")
     ball = whole_number("ball", ball, 0, network.n_balls - 1)
     if not network.moving[ball]:
-        raise InputError(message(f"ball {ball} does not move", "Its mass is infinite", "Give another ball"))
+        raise InputError(f"ball {ball} does not move", "Its mass is infinite", "Give another ball")
     starts = np.zeros((operator.motions.count, operator.balls.size, operator.motions.count))
     starts[:, np.searchsorted(operator.balls, ball)] = np.eye(operator.motions.count)
     found = [Moments(operator, partial(operator.vector, one), keep=False).first(kernel.moments) for one in starts]

@@ -138,13 +138,13 @@ class Problem:
                 return factorise(self.shifted(value + nudge * self.top**2))
             except RuntimeError:  # exactly singular: the value is an eigenvalue
                 continue
-        raise ConvergenceError(message("the matrix of the network cannot be factorised"))
+        raise ConvergenceError("the matrix of the network cannot be factorised")
 
     def count_below(self, value: float) -> int:
         """Return the number of eigenvalues below ``value``: that of the pivots below zero (Sylvester's law of inertia)."""
         factors = self.factors(value)
         if not np.array_equal(factors.perm_r, factors.perm_c):
-            raise ConvergenceError(message("the factors of the matrix have pivots off the diagonal", "No modes are counted"))
+            raise ConvergenceError("the factors of the matrix have pivots off the diagonal", "No modes are counted")
         return int(np.sum(factors.U.diagonal() < 0.0))
 
     def refine(self, vectors: Array) -> tuple[Array, Array, Array]:
@@ -196,7 +196,7 @@ def find_limit(operator: WaveOperator) -> float:
 def make_too_few(there: int, count: int) -> InputError:
     """Return the error of ``count`` modes that are asked for where fewer are ``there``."""
     asked, among = counted(count, "mode is", "modes are"), f"only {there}" if there else "none"
-    return InputError(message(f"{asked} asked for, and {among} cost energy", mend="Ask for fewer"))
+    return InputError(f"{asked} asked for, and {among} cost energy", mend="Ask for fewer")
 
 
 @dataclass(frozen=True)
@@ -509,7 +509,7 @@ def find_modes(operator: WaveOperator, count: int, nearest: float | None) -> Net
     target = 0.0 if nearest is None else 2.0 * math.pi * not_negative("nearest", nearest, "Hz")
     if target > operator.top:
         top = operator.top / (2.0 * math.pi)
-        raise InputError(message(f"the network has no modes near {nearest:g} Hz", f"All frequencies are below {top:.6g} Hz"))
+        raise InputError(f"the network has no modes near {nearest:g} Hz", f"All frequencies are below {top:.6g} Hz")
     problem = Problem(operator, np.flatnonzero(np.diff(operator.matrix.indptr) > 0))
     size = problem.live.size
     if count > size:
@@ -557,7 +557,7 @@ def find_damped(
         omega = omega * top
     else:
         mend = "Damp all contacts alike, or take a smaller network"
-        raise InputError(message(f"{n:,} motions that are damped unevenly are too many", mend=mend))
+        raise InputError(f"{n:,} motions that are damped unevenly are too many", mend=mend)
     cost = np.flatnonzero((omega.real > ZERO * top) | (omega.imag > ZERO * top) & (omega.real > -ZERO * top))
     chosen = cost[np.argsort(np.abs(omega[cost].real - target), kind="stable")[:count]]
     if chosen.size < count:
@@ -638,7 +638,7 @@ def _find_dense(problem: Problem, count: int, target: float) -> Eigenpairs:
 
     if problem.live.size > _LARGEST:
         what = f"{count} modes of {problem.live.size} motions, with those without energy, are too many to be found"
-        raise InputError(message(what, mend="Ask for fewer"))
+        raise InputError(what, mend="Ask for fewer")
     squares, vectors = eigh(problem.shifted(0.0).toarray())
     if squares[0] < -find_limit(problem.operator):
         raise InstabilityError(UNSTABLE)

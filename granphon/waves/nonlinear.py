@@ -28,11 +28,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls import hertz
 from granphon.balls.contact_laws import Hertz, PowerLaw
-from granphon.base.errors import ConvergenceError, InputError, brief, message
-from granphon.base.results import Result
+from granphon.base.errors import ConvergenceError, InputError, brief
 from granphon.base.validation import not_negative, positive, real_array, whole_number
 from granphon.dynamics.damping import ContactDamping
+from granphon.dynamics.rows import weigh_rows
 from granphon.networks.network import ContactNetwork, given_network
+from granphon.waves.motion import Motion
 from granphon.waves.operator import WaveOperator
 from granphon.waves.pulses import read_balls, read_vector
 
@@ -40,8 +41,6 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 #: steps in the shortest period that the contacts could have, by default; and the least number with which steps are stable
 _STEPS, _LEAST_STEPS = 60.0, 4.0
-#: difference of squared frequencies, over the highest, up to which they are equal but for rounding
-_ALONE = 1e-10
 #: most steps of a run
 _MOST_STEPS = 10_000_000
 #: displacement, over the mean diameter, at which a ball has left its place
@@ -65,52 +64,6 @@ class Drive:
     direction: ArrayLike
     displacement: Callable[[float], float] | None = None
     force: Callable[[float], float] | None = None
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Motion(Result):
-    """Balls in motion, at a list of times. Vectors have three components; what does not move is zero.
-
-    Attributes
-    ----------
-    times : (n_f,) s.
-    displacements, velocities : (n_f, n, 3) m, m/s. Velocities of balls that a drive moves are differences between frames.
-    rotations, spins : (n_f, n, 3) rad, rad/s.
-    forces, shears : (n_f, n_c) normal force of each contact, zero where it is open, and size of its force of slip, N.
-    translation, rotation : (n_f,) kinetic energies, J.
-    stored : (n_f,) energy that contacts and the load have gained since rest, J.
-    lost : (n_f,) energy that contacts have lost by friction, by dashpots, and by their law, J.
-    work : (n_f,) of drives, J.
-    step : s.
-    """
-
-    units = {
-        "times": "s", "displacements": "m", "velocities": "m/s", "rotations": "rad", "spins": "rad/s", "forces": "N",
-        "shears": "N", "translation": "J", "rotation": "J", "stored": "J", "lost": "J", "work": "J", "step": "s",
-    }  # fmt: skip
-    _shapes = {
-        "times": "f", "displacements": "f n 3", "velocities": "f n 3", "rotations": "f n 3", "spins": "f n 3",
-        "forces": "f c", "shears": "f c", "translation": "f", "rotation": "f", "stored": "f", "lost": "f", "work": "f",
-    }  # fmt: skip
-
-    times: Array
-    displacements: Array
-    velocities: Array
-    rotations: Array
-    spins: Array
-    forces: Array
-    shears: Array
-    translation: Array
-    rotation: Array
-    stored: Array
-    lost: Array
-    work: Array
-    step: float
-
-    @property
-    def energy(self) -> Array:
-        """(n_f,) kinetic and stored energy, J."""
-        return self.translation + self.rotation + self.stored
 
 
 class _Powers:
@@ -166,18 +119,16 @@ class NonlinearWaves:
         self.network: ContactNetwork = given_network(x)
         if not isinstance(law, Hertz | PowerLaw | None):
             why = "The overlaps of a network follow from forces and stiffnesses of a power alone"
-            raise InputError(message(f"law is {brief(law)}", why, "Give gp.Hertz() or gp.PowerLaw(...)"))
+            raise InputError(f"law is {brief(law)}", why, "Give gp.Hertz() or gp.PowerLaw(...)")
         self.exponent = law.exponent if isinstance(law, PowerLaw) else hertz.EXPONENT
         force, stiffness = self.network.normal_force, self.network.normal_stiffness
         if not np.all(force > 0.0):
             what = f"{np.count_nonzero(force <= 0.0)} of {force.size} contacts have no force"
-            raise InputError(message(what, "Their overlap is not known", "Press the network, or leave them out"))
+            raise InputError(what, "Their overlap is not known", "Press the network, or leave them out")
         self.overlap: Array = self.exponent * force / stiffness
         if self.network.prestress:
             why = "Contacts keep their directions in this motion, and static forces would turn them"
-            raise InputError(
-                message("static forces act sideways in this network", why, "Leave finite_overlap or prestress off")
-            )
+            raise InputError("static forces act sideways in this network", why, "Leave finite_overlap or prestress off")
         self._powers = _Powers(self.exponent, force, self.overlap)
         self.mu = (
             friction_coefficient
@@ -191,16 +142,18 @@ class NonlinearWaves:
         return f"NonlinearWaves({network.n_balls:,} balls, {network.n_contacts:,} contacts, f ~ overlap^{self.exponent:g})"
 
     def run(
-        self, duration: float, *, displacements: ArrayLike | None = None, velocities: ArrayLike | None = None,
-        rotations: ArrayLike | None = None, spins: ArrayLike | None = None, drive: Drive | Sequence[Drive] = (),
-        frames: int = 201, step: float | None = None,
+        self, duration: float, positions: ArrayLike | None = None, velocities: ArrayLike | None = None,
+        drive: Drive | Sequence[Drive] | None = None, *, displacements: ArrayLike | None = None,
+        rotations: ArrayLike | None = None, spins: ArrayLike | None = None, frames: int = 201, step: float | None = None,
     ) -> Motion:  # fmt: skip
         """Let the balls move for a ``duration``, s.
 
         Parameters
         ----------
-        displacements, velocities, rotations, spins : at the start, (n, 3) or (n, d), m, m/s, rad and rad/s; zero by default.
-            Contacts have come to the displacements without sliding, but for Coulomb's limit.
+        positions : where the balls start, (n, 3) or (n, d), m; by default those of the network. Their ``displacements`` from
+            there, m, keep the digits that positions lose: give one of both.
+        velocities, rotations, spins : at the start, (n, 3) or (n, d), m/s, rad and rad/s; zero by default. Contacts have
+            come to the start without sliding, but for Coulomb's limit.
         drive : a :class:`Drive`, or several.
         frames : number of times that are kept, the start and the end among them.
         step : s, of which a frame has a whole number; by default a sixtieth of the shortest period that the stiffest contact
@@ -213,8 +166,16 @@ class NonlinearWaves:
         ConvergenceError : a ball leaves its place by half of its diameter.
         """
         length, count = positive("duration", duration, "s"), whole_number("frames", frames, 2)
-        drives: list[Any] = list(drive) if isinstance(drive, list | tuple) else [drive]
+        drives: list[Any] = [] if drive is None else list(drive) if isinstance(drive, list | tuple) else [drive]
         system = _System(self, drives)
+        if positions is not None:
+            if displacements is not None:
+                raise InputError("positions and displacements are given", mend="Give one of both")
+            places, d = real_array("positions", positions), self.network.dimension
+            if places.shape not in ((self.network.n_balls, 3), (self.network.n_balls, d)):
+                what = f"positions has the shape {places.shape}"
+                raise InputError(what, mend=f"Give ({self.network.n_balls}, 3) numbers, one row for each ball")
+            displacements = places - self.network.positions[:, : places.shape[1]]
         start = [system.read(name, one) for name, one in (
             ("displacements", displacements), ("velocities", velocities), ("rotations", rotations), ("spins", spins)
         )]  # fmt: skip
@@ -224,31 +185,32 @@ class NonlinearWaves:
             each = max(1, math.ceil(length / (count - 1) / wanted))
             if each * (count - 1) > _MOST_STEPS:
                 what = f"the run takes {each * (count - 1):.3g} steps"
-                raise InputError(message(what, f"More than {_MOST_STEPS:.0e} are not made", "Give a shorter duration"))
+                raise InputError(what, f"More than {_MOST_STEPS:.0e} are not made", "Give a shorter duration")
             found = system.integrate(x, v, length / (count - 1) / each, each, count)
             if found is not None:
                 return found
             if step is not None:
                 what = f"the step of {wanted:.3g} s is too long"
-                raise InputError(message(what, "Contacts become so stiff that it is not stable", "Leave step out"))
+                raise InputError(what, "Contacts become so stiff that it is not stable", "Leave step out")
             wanted *= 0.5
 
 
 class _System:
     """The equations of motion of a network with drives."""
 
-    def __init__(self, waves: NonlinearWaves, drives: Sequence[Drive]) -> None:
+    def __init__(self, waves: NonlinearWaves, drives: Sequence[Any]) -> None:
         network, self.drives, masses = waves.network, drives, waves.network.masses.copy()
+        self.resting = network
         self.moved: list[tuple[Index, Array]] = []
         for one in drives:
             if not isinstance(one, Drive) or (one.displacement is None) == (one.force is None):
-                raise InputError(message(f"drive is {brief(one)}", mend="Give a Drive with a displacement or a force"))
+                raise InputError(f"drive is {brief(one)}", mend="Give a Drive with a displacement or a force")
             balls, along = (
                 read_balls("drive", one.balls, network),
                 read_vector("direction", one.direction, network.dimension),
             )
             if one.force is not None and not np.all(network.moving[balls]):
-                raise InputError(message("a force acts on a body that is held", mend="Give its displacement"))
+                raise InputError("a force acts on a body that is held", mend="Give its displacement")
             self.moved.append((balls, along))
             if one.displacement is not None:
                 masses[balls] = np.inf
@@ -260,9 +222,8 @@ class _System:
         self.back = self.forward.T.tocsr()
         self.ratio = np.array([row.stiffness / network.normal_stiffness for row in self.rows[1:]]).reshape(-1, n)
         self.slips = np.array([row.kind == "slip" for row in self.rows[1:]], bool)
-        self.viscosity = np.array([
-            waves.damping[int(row.kind != "elongation")] * np.broadcast_to(row.stiffness, n) for row in self.rows
-        ])  # fmt: skip
+        self.viscosity = weigh_rows(self.rows, waves.damping)
+        self.viscosity = self.viscosity * np.array([np.broadcast_to(row.stiffness, n) for row in self.rows])
         self.held = np.zeros((len(self.rows) - 1, n))
         if network.tangential_force is not None:
             axes = list(operator.motions.translations)
@@ -296,12 +257,12 @@ class _System:
         values, d = real_array(name, given), network.dimension
         if values.shape not in ((network.n_balls, 3), (network.n_balls, d)) or not np.all(np.isfinite(values)):
             what = f"{name} has the shape {values.shape}"
-            raise InputError(message(what, mend=f"Give ({network.n_balls}, 3) finite numbers, one row for each ball"))
+            raise InputError(what, mend=f"Give ({network.n_balls}, 3) finite numbers, one row for each ball")
         turns = name in ("rotations", "spins")
         axes = operator.motions.rotations if turns else operator.motions.translations
         columns = operator.motions.turning if turns else operator.motions.translating
         if values.shape[1] <= max(axes, default=0):
-            raise InputError(message(f"{name} has the shape {values.shape}", mend=f"Give ({network.n_balls}, 3)"))
+            raise InputError(f"{name} has the shape {values.shape}", mend=f"Give ({network.n_balls}, 3)")
         weight = np.sqrt((network.inertias if turns else network.masses)[operator.balls])[:, None]
         out[:, columns] = values[operator.balls][:, list(axes)] * weight
         return np.asarray(operator.vector(out))
@@ -341,7 +302,7 @@ class _System:
 
         place, lift = follow(given[0], 0.0), follow(given[1], 0.0)
         if np.any(place):
-            raise InputError(message("a displacement does not begin at zero", mend="Give a function that is zero at zero"))
+            raise InputError("a displacement does not begin at zero", mend="Give a function that is zero at zero")
         e = (self.forward @ x + place @ self.strain).reshape(-1, n)
         change, k = powers.press(e[0])
         t = self._limit(self.held + self.ratio * k * e[1:], change)
@@ -413,7 +374,7 @@ class _System:
                 away = float(np.max(np.abs(self._to_balls(x, False)), initial=0.0))
                 if not away < _AWAY * 2.0 * float(np.mean(self.network.radii[self.network.moving])):
                     what = f"a ball has left its place by {away:.3g} m after {number * step:.4g} s"
-                    raise ConvergenceError(message(what, "Contacts are those of the network", "Give a smaller motion"))
+                    raise ConvergenceError(what, "Contacts are those of the network", "Give a smaller motion")
         return self._collect(kept, step)
 
     def _to_balls(self, vector: Array, turns: bool) -> Array:
@@ -441,60 +402,5 @@ class _System:
                 velocities[:, balls] = np.gradient(ways, times)[:, None, None] * along
         return Motion(
             times, displacements, velocities, self._to_balls(x, True), self._to_balls(v, True), forces, shears, translation,
-            rotation, stored, lost, work, step,
+            rotation, stored, lost, work, step, self.resting,
         )  # fmt: skip
-
-
-def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> float:
-    """Return how the frequency of a travelling wave changes with its amplitude, to second order.
-
-    It is (d omega/omega) (delta/A)^2, where A is the largest displacement of a ball and delta the mean overlap. The cell
-    keeps its size. Normal forces follow the whole law; the stiffness against slip, twist and rolling is that at rest.
-
-    Parameters
-    ----------
-    x : a state at one load, or a network that repeats, without ``prestress``.
-    q : (p,) or (3,), wave vector in fractions of the reciprocal cell.
-    branch : its number, in ascending frequency.
-    law : as for :class:`NonlinearWaves`.
-
-    Raises :class:`~granphon.base.errors.InputError` for a branch that others touch at q, or that costs nothing, and where
-    twice its frequency is that of a wave of 2 q.
-    """
-    waves = NonlinearWaves(x, law)
-    network, operator = waves.network, WaveOperator(waves.network)
-    periods, at = np.flatnonzero(network.pbc), real_array("q", q)
-    if at.shape not in ((len(periods),), (3,)) or not periods.size or not np.all(np.isfinite(at)):
-        raise InputError(message(f"q has the shape {at.shape}", mend=f"Give ({len(periods)},) fractions"))
-    which, n = whole_number("branch", branch, 0, operator.size - 1), network.n_contacts
-    turn = 2.0j * np.pi * (network.shift[:, periods] @ at[: len(periods)])
-
-    def find(times: int) -> tuple[Any, Any]:
-        """Return D and the elongations (n_c, size) of the harmonic of this number, dense."""
-        phase = np.exp(times * turn)
-        return operator.matrix_of_wave(phase).toarray(), operator.compose(operator.rows, phase).toarray()[:n]
-
-    own, stretch = find(1)
-    squares, vectors = np.linalg.eigh(own)
-    top = operator.top**2
-    if squares[which] < _ALONE * top or np.sum(np.abs(squares - squares[which]) < _ALONE * top) > 1:
-        what = f"branch {which} costs nothing at this wave vector, or touches another"
-        raise InputError(message(what, "Its wave is not known", "Take another wave vector or branch"))
-    vector, square = vectors[:, which], float(squares[which])
-    moves = operator.values(vector)[:, operator.motions.translating]
-    size = float(np.sqrt(np.max(np.sum(np.abs(moves) ** 2, axis=1) / network.masses[operator.balls])))
-    a, k, delta = waves.exponent, network.normal_stiffness, waves.overlap
-    # the tension of a contact is k e + second e^2 + third e^3
-    second, third = -0.5 * k * (a - 1.0) / delta, k * (a - 1.0) * (a - 2.0) / (6.0 * delta**2)
-    e = stretch @ vector
-    twice, reach = find(2)
-    level, still = find(0)
-    if np.min(np.abs(np.linalg.eigvalsh(twice) - 4.0 * square)) < _ALONE * top:
-        raise InputError(message("twice the frequency is that of a wave of 2 q", "The two exchange energy", "Change q"))
-    double = reach @ np.linalg.solve(twice - 4.0 * square * np.eye(len(twice)), -0.5 * reach.conj().T @ (second * e * e))
-    mean = still @ (
-        np.linalg.pinv(level, rcond=_ALONE, hermitian=True) @ (-0.5 * still.conj().T @ (second * np.abs(e) ** 2))
-    )
-    tension = 2.0 * second * e * mean + second * e.conj() * double + 0.75 * third * np.abs(e) ** 2 * e
-    shift = float((e.conj() @ tension).real) / (2.0 * square)
-    return shift * (float(np.mean(delta)) / size) ** 2

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError
 from granphon.base.results import Result
 from granphon.base.scales import Units
 from granphon.base.tables import Heading, write_table
@@ -162,7 +162,7 @@ def find_path_points(
                 found.setdefault(number, (place, q))
     if not found:
         what = "the array has no wave vector on the path but Gamma"
-        raise InputError(message(what, mend="Take a larger array, or a path through the middle of the zone"))
+        raise InputError(what, mend="Take a larger array, or a path through the middle of the zone")
     distances, q = (np.array(one) for one in zip(*found.values(), strict=True))
     return PathPoints(starts, distances, q)
 

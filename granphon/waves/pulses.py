@@ -19,7 +19,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.base.errors import InputError, UnreachableFrequencyError, brief, message
+from granphon.base.errors import InputError, UnreachableFrequencyError, brief
 from granphon.base.results import Result, read_only
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
@@ -183,7 +183,7 @@ class Course:
         longer = "a longer array" if not cell else "an array whose numbers of cells make these lengths equal"
         what, why = f"planes across ({shown}) {closes} in this periodic network", f"{why}: {least:.6g} m are needed{cell}"
         mend = f"{longer}, or the direction {offer}" if better else f"or {longer}"
-        raise InputError(message(what, why, f"Take a shorter distance, {mend}"))
+        raise InputError(what, why, f"Take a shorter distance, {mend}")
 
     @cached_property
     def crossings(self) -> NDArray[np.intp]:
@@ -202,7 +202,7 @@ class Course:
         if math.isinf(self.period):
             what = "there is no place for walls: the network has no period along this direction"
             mend = "Leave ends out: the network then has the ends that it has"
-            raise InputError(message(what, "Walls are made where a period is cut", mend))
+            raise InputError(what, "Walls are made where a period is cut", mend)
         network, cut = self.network, self.crossings != 0
         if ends == "free":
             kept = {name: getattr(network, name)[~cut] for name in network.contact_fields}
@@ -228,7 +228,7 @@ class Course:
             low, high = float(np.min(self.places[moving])), float(np.max(self.places[moving]))
             why = f"Balls lie from {low:.6g} to {high:.6g} m along the direction"
             mend = "Take a shorter distance, or a longer array"
-            raise InputError(message(f"there is no plane of balls for the {what} at {place:.6g} m", why, mend))
+            raise InputError(f"there is no plane of balls for the {what} at {place:.6g} m", why, mend)
         thick = (_THICKER if self.network.lattice is None else _THICK) * self.spacing
         return moving[np.abs(self._find_offset(away - away[nearest])) <= thick]
 
@@ -295,7 +295,7 @@ def find_arrivals(
     Raises :class:`~granphon.base.errors.InputError` for an unknown method.
     """
     if method not in METHODS:
-        raise InputError(message(f"the time of flight by {brief(method)} is not known", mend=f"Use {', '.join(METHODS)}"))
+        raise InputError(f"the time of flight by {brief(method)} is not known", mend=f"Use {', '.join(METHODS)}")
     step = float(times[1] - times[0])
     if method == "correlation":
         from scipy.signal import correlate
@@ -487,7 +487,7 @@ class Pulse(Result):
     def _find_arrivals(self, signals: Array, method: str, threshold: float) -> tuple[Array, list[str]]:
         threshold = positive("threshold", threshold)
         if threshold >= 1.0:
-            raise InputError(message(f"threshold is {threshold:g}", mend="Give a part of the maximum, below 1"))
+            raise InputError(f"threshold is {threshold:g}", mend="Give a part of the maximum, below 1")
         return find_arrivals(self.times, signals, self.sent, self.cycles / self.frequency, method, threshold)
 
     @cached_property
@@ -590,7 +590,7 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
     Raises :class:`~granphon.base.errors.InputError` for no pulse, or for pulses that were not sent alike.
     """
     if not pulses:
-        raise InputError(message("there is no pulse to average"))
+        raise InputError("there is no pulse to average")
     first, count = pulses[0], min(one.times.size for one in pulses)
     for one in pulses[1:]:
         same = ("frequency", "cycles", "direction", "polarisation", "damping", "tangential_damping")
@@ -603,7 +603,7 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
             unlike.append("sent")
         if unlike:
             what = f"the pulses differ in {', '.join(unlike)}"
-            raise InputError(message(what, mend="Average pulses that were sent alike"))
+            raise InputError(what, mend="Average pulses that were sent alike")
     samples, last = [], 0
     for one in pulses:
         samples.append(one.samples + last)
@@ -703,9 +703,9 @@ class Route:
         hertz, length = positive("frequency", wanted.frequency, "Hz"), positive("distance", wanted.distance, "m")
         burst = ToneBurst(hertz, positive("cycles", wanted.cycles))
         if burst.cycles < 1.0:
-            raise InputError(message(f"cycles is {burst.cycles:g}", mend="Give 1 or more"))
+            raise InputError(f"cycles is {burst.cycles:g}", mend="Give 1 or more")
         if wanted.ends not in ENDS:
-            raise InputError(message(f"ends is {brief(wanted.ends)}", mend=f"Use {', '.join(ENDS)}"))
+            raise InputError(f"ends is {brief(wanted.ends)}", mend=f"Use {', '.join(ENDS)}")
         along = read_vector("direction", wanted.direction, network.dimension)
         push = read_push(network, along, wanted.polarisation)
         apart = _read_list("planes", wanted.planes, "m", "above zero")
@@ -720,26 +720,26 @@ class Route:
         source, moving = wanted.source, course.network.moving
         if isinstance(source, str):
             if source not in ("plane", "ball"):
-                raise InputError(message(f"source is {brief(source)}", mend="Use plane, ball, or the index of a ball"))
+                raise InputError(f"source is {brief(source)}", mend="Use plane, ball, or the index of a ball")
             # the first balls behind the beginning; the last ones of the period before may be as near to it
             plane = course.find_plane(float(np.min(course.places[moving])), "source")
             sources = plane if source == "plane" else plane[:1]
         else:
             sources = read_balls("source", source, course.network)
             if still := [int(one) for one in sources if not moving[one]]:
-                raise InputError(message(f"ball {still[0]} of the source does not move", "Its mass is infinite"))
+                raise InputError(f"ball {still[0]} of the source does not move", "Its mass is infinite")
         at_face = isinstance(source, str) and source == "plane" and not math.isnan(course.face)
         start = course.face if at_face else course.find_place(sources)
         groups = [course.find_plane(start + one, "receivers") for one in (length, *apart)]
         if np.isin(groups[0], sources).any():
             what = f"the distance of {length:.6g} m leads to the plane of the source itself"
             why = "The receiving plane is that of the balls nearest to it"
-            raise InputError(message(what, why, f"Take a longer distance: a ball is {course.spacing:.6g} m wide"))
+            raise InputError(what, why, f"Take a longer distance: a ball is {course.spacing:.6g} m wide")
         part = number_pieces(course.network.i, course.network.j, course.network.moving)
         if not np.isin(part[groups[0]], part[sources]).any():
             what = f"no contacts join the source and the {counted(len(groups[0]), 'ball')} of the receiving plane"
             why, mend = f"The balls fall into {np.max(part) + 1} parts", "Use a higher load, or one of network.pieces()"
-            raise InputError(message(what, why, mend))
+            raise InputError(what, why, mend)
         # the velocities of long waves if balls moved in proportion, than which those of the network are not faster
         net, axes = course.network, list(network.ball_motions.translations)
         way, n = (net.vector @ along) ** 2, net.normal[:, axes]
@@ -748,7 +748,7 @@ class Route:
         own = float(push[axes] @ tensor @ push[axes])
         if not own > 0.0:
             what = "no contact resists this polarisation in this direction"
-            raise InputError(message(what, "Waves of it cost no energy", "Use friction, or another polarisation"))
+            raise InputError(what, "Waves of it cost no energy", "Use friction, or another polarisation")
         mass = float(np.sum(net.masses[net.moving]))
         fastest = np.sqrt(np.array([own, float(np.linalg.eigvalsh(tensor)[-1])]) / mass)
         if wanted.duration is not None:
@@ -767,13 +767,13 @@ class Route:
                     why = f"Then the pulse that runs the other way round the periodic network comes, which is {period:.4g} m"
                     other = "fewer cycles, a higher frequency, or ends: free"
                     mend = f"Use {nearer}an array of {needed:.4g} m along the direction, {other}"
-                    raise InputError(message(what, f"{why} long", mend))
+                    raise InputError(what, f"{why} long", mend)
                 duration = min(duration, (period - away) / float(fastest[0]))
         step = 1.0 / (READINGS * hertz)
         readings = duration / step if step else math.inf
         if not readings < _MOST_READINGS:
             what = f"a pulse of {hertz:g} Hz and {burst.cycles:g} cycles is read more than {_MOST_READINGS:,} times"
-            raise InputError(message(what, mend="Use a lower frequency, fewer cycles, or a shorter distance or duration"))
+            raise InputError(what, mend="Use a lower frequency, fewer cycles, or a shorter distance or duration")
         times: Array = step * np.arange(max(3, math.floor(readings) + 1), dtype=np.float64)
         return cls(course, burst, push, start, sources, groups, fastest, times, frames)
 
@@ -870,7 +870,7 @@ def read_vector(name: str, given: Any, dimension: int) -> Array:
     vector = finite_array(name, given)
     vector = np.atleast_1d(vector)
     if vector.ndim != 1 or vector.size > 3 or not np.any(vector):
-        raise InputError(message(f"{name} is {brief(given)}", f"It is a vector of {dimension} numbers, not all zero"))
+        raise InputError(f"{name} is {brief(given)}", f"It is a vector of {dimension} numbers, not all zero")
     vector = np.pad(vector, (0, 3 - vector.size)) / np.max(np.abs(vector))
     return np.asarray(vector / np.linalg.norm(vector))
 
@@ -880,7 +880,7 @@ def read_balls(name: str, given: Any, network: ContactNetwork) -> Index:
     balls, count = finite_array(name, given).ravel(), network.n_balls
     whole = np.all((balls == np.rint(balls)) & (balls >= 0) & (balls < count))
     if not whole or len(set(balls)) < balls.size:
-        raise InputError(message(f"{name} is {brief(given)}", f"Balls have the indices 0 to {count - 1}"))
+        raise InputError(f"{name} is {brief(given)}", f"Balls have the indices 0 to {count - 1}")
     return balls.astype(int)
 
 
@@ -898,24 +898,24 @@ def read_push(network: ContactNetwork, along: Array, given: Any) -> Array:
         among = [axis for axis in ((0, 1) if network.dimension < 3 else (0, 1, 2)) if axis in axes]
         if len(among) < 2:
             what = f"the motions {network.motions!r} have no transverse waves in this direction"
-            raise InputError(message(what, mend="Name another polarisation, or give a vector"))
+            raise InputError(what, mend="Name another polarisation, or give a vector")
         axis = among[int(np.argmin(np.round(np.abs(along[among]), 9)))]
         push = np.eye(3)[axis] - along[axis] * along
         push = push / np.linalg.norm(push)
     else:
         known = "longitudinal, transverse, out_of_plane, or a vector"
-        raise InputError(message(f"polarisation is {brief(given)}", mend=f"Use {known}"))
+        raise InputError(f"polarisation is {brief(given)}", mend=f"Use {known}")
     if abs(np.linalg.norm(push[axes]) - 1.0) > 1e-9:
         shown = ", ".join(f"{one:.6g}" for one in push)
         moves = " and ".join("xyz"[axis] for axis in axes)
-        raise InputError(message(f"balls are pushed along ({shown}), and they move along {moves} only"))
+        raise InputError(f"balls are pushed along ({shown}), and they move along {moves} only")
     return push
 
 
 def _explain_unreachable(hertz: float, limit: str) -> UnreachableFrequencyError:
     """Return the error of a frequency above the ``limit`` of the network's modes, in words."""
     what = f"the frequency {hertz:.6g} Hz is above the top of the network's modes, {limit}"
-    return UnreachableFrequencyError(message(what, "Nothing of the pulse would travel", "Lower the frequency"))
+    return UnreachableFrequencyError(what, "Nothing of the pulse would travel", "Lower the frequency")
 
 
 def _require_short(operator: WaveOperator, duration: float, damping: float = 0.0, uneven: bool = False) -> None:
@@ -926,15 +926,15 @@ def _require_short(operator: WaveOperator, duration: float, damping: float = 0.0
     tau, top = write_quantity(damping, "s", 3), write_quantity(operator.top / (2.0 * math.pi), "Hz", 3)
     if (ratio := operator.top * damping) > _MOST_DAMPED:
         what = f"with a damping of {tau} nothing moves in a network whose frequencies go up to {top}"
-        raise InputError(message(what, mend=f"Give {write_quantity(_MOST_DAMPED / operator.top, 's', 3)} at most"))
+        raise InputError(what, mend=f"Give {write_quantity(_MOST_DAMPED / operator.top, 's', 3)} at most")
     if uneven and (viscous := ratio * operator.top * duration) > _MOST:
         what = f"a damping of {tau} takes {viscous:.3g} products with the matrix of the network"
         why = "Different dampings are propagated in steps of the most damped motion"
-        raise InputError(message(what, why, "Give less, or one for both"))
+        raise InputError(what, why, "Give less, or one for both")
     products = 0.5 * operator.top * duration
     if products > _MOST:
         record, longest = (write_quantity(one, "s", 3) for one in (duration, 2.0 * _MOST / operator.top))
         what = f"a record of {record} takes {products:.3g} products with the matrix of the network"
         why = f"Its frequencies go up to {top}, and {_MOST:,} products reach {longest}"
         mend = "Use a higher frequency, fewer cycles, or a shorter distance or duration"
-        raise InputError(message(what, why, mend))
+        raise InputError(what, why, mend)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.base.errors import InputError, PrecisionError, brief, message
+from granphon.base.errors import InputError, PrecisionError, brief
 from granphon.base.validation import choice, finite_array, finite_list, positive, require
 from granphon.networks.network import ContactNetwork
 from granphon.observables.validity import check_network
@@ -69,7 +69,7 @@ def read_wavevectors(network: ContactNetwork, q: ArrayLike) -> Array:
         wanted, there = ("(" + ", ".join(f"{one:.9g}" for one in vector) + ")" for vector in (given[bad], nearest[bad]))
         what, why = f"q = {wanted} is no wave vector of the periodic cell", "Along each of its vectors L, q . L must be"
         mend = f"The nearest is {there} 1/m; waves.nearest_wavevectors(q) finds it for any q"
-        raise InputError(message(what, f"{why} a multiple of 2 pi", mend))
+        raise InputError(what, f"{why} a multiple of 2 pi", mend)
     return nearest
 
 
@@ -114,13 +114,11 @@ def _as_wavevectors(network: ContactNetwork | PeriodicCell, q: ArrayLike) -> Arr
         given = given.reshape(1)
     if given.ndim not in (1, 2) or given.shape[-1] != d:
         why, mend = f"A wave vector of this network has the shape ({d},)", f"Give ({d},) or (n, {d}), Cartesian, in 1/m"
-        raise InputError(message(f"q has the shape {given.shape}", why, mend))
+        raise InputError(f"q has the shape {given.shape}", why, mend)
     size = float(np.max(np.abs(network.cell), initial=0.0) + np.ptp(getattr(network, "positions", 0.0)))
     if (phase := float(np.max(np.abs(given), initial=0.0)) * size) > _MOST_PHASE:
         what = f"the phase of such a wave differs by {phase:.1e} across the network"
-        raise PrecisionError(
-            message(what, f"Beyond {_MOST_PHASE:.0e} its digits within a turn are lost", "Give a shorter q")
-        )
+        raise PrecisionError(what, f"Beyond {_MOST_PHASE:.0e} its digits within a turn are lost", "Give a shorter q")
     return np.atleast_2d(given)
 
 
@@ -167,11 +165,11 @@ def find_polarisations(
     if not isinstance(polarisation, str):  # numbers, one for each displacement or one for each motion
         numbers, sizes = finite_array("polarisation", polarisation), (len(motions.translations), motions.count)
         if direction is not None:
-            raise InputError(message("a direction is given besides the polarisation by numbers", "They say the same"))
+            raise InputError("a direction is given besides the polarisation by numbers", "They say the same")
         if numbers.ndim != 1 or numbers.size not in sizes or not np.any(numbers):
             why = f"By numbers it is {sizes[0]} displacements, or all {sizes[1]} motions {letters}"
             mend = f"Give these, not all zero, or one of {', '.join(POLARISATIONS)}"
-            raise InputError(message(f"the polarisation is {brief(polarisation)}", why, mend))
+            raise InputError(f"the polarisation is {brief(polarisation)}", why, mend)
         rows = np.zeros((1, motions.count))
         numbers = numbers / np.max(np.abs(numbers))
         rows[0, : numbers.size] = numbers / np.linalg.norm(numbers)
@@ -184,7 +182,7 @@ def find_polarisations(
     if direction is not None:
         given = finite_array("direction", direction)
         if given.shape not in ((2,), (3,)) or not np.any(given):
-            raise InputError(message(f"direction is {brief(direction)}", mend="Give (x, y) or (x, y, z), not all zero"))
+            raise InputError(f"direction is {brief(direction)}", mend="Give (x, y) or (x, y, z), not all zero")
         wanted = np.zeros(3)
         wanted[: given.size] = given / np.max(np.abs(given))
         wanted /= np.linalg.norm(wanted)
@@ -195,7 +193,7 @@ def find_polarisations(
     elif not np.any(q):
         if wanted is None:
             mend = "Give direction=, the one in which balls move"
-            raise InputError(message(f"a {name} wave with q = 0 has no direction", mend=mend))
+            raise InputError(f"a {name} wave with q = 0 has no direction", mend=mend)
         found = wanted
     else:
         along /= np.linalg.norm(along)
@@ -204,7 +202,7 @@ def find_polarisations(
         elif wanted is not None:
             found = wanted - (wanted @ along) * along
             if np.linalg.norm(found) < _ACROSS:
-                raise InputError(message(f"the direction {brief(direction)} of a transverse wave is along q"))
+                raise InputError(f"the direction {brief(direction)} of a transverse wave is along q")
         else:  # orthonormal directions across q: within the plane of the balls, if they move there
             for among in (free[np.argmax(free, axis=1) < operator.network.dimension], free):
                 left = among - (among @ along)[:, None] * along
@@ -215,10 +213,10 @@ def find_polarisations(
     # directions (b, 3) as rows (b, motions) of unit length
     found = np.atleast_2d(found)
     if not len(found) or not axes or np.max(np.abs(np.delete(found, axes, axis=1)), initial=0.0) > _ACROSS:
-        raise InputError(message(f"no {name} wave of this direction runs here", f"Balls move in {letters} alone"))
+        raise InputError(f"no {name} wave of this direction runs here", f"Balls move in {letters} alone")
     size = np.linalg.norm(found, axis=1, keepdims=True)
     if np.any(size < _ACROSS):
-        raise InputError(message(f"the direction of a {name} wave is across all motions {letters}"))
+        raise InputError(f"the direction of a {name} wave is across all motions {letters}")
     rows = np.zeros((len(found), motions.count))
     rows[:, motions.turning if turns else motions.translating] = (found / size)[:, list(axes)]
     return rows
@@ -307,7 +305,7 @@ def find_ioffe_regel(wavenumber: Array, peak: Array, width: Array, product: floa
         above = np.log(peak) - np.log(width) - level
     if above[0] < 0.0:
         what = f"the wave of the least q, at {peak[0]:.4g} Hz, is already beyond the Ioffe-Regel frequency"
-        raise InputError(message(what, mend="Give lesser wave vectors, which a larger network has"))
+        raise InputError(what, mend="Give lesser wave vectors, which a larger network has")
     below = np.flatnonzero(above < 0.0)
     if not below.size:
         return None
@@ -401,7 +399,7 @@ class SpectralFunction(Refinable):
         """
         if np.any(self.wavenumber <= _SAME * np.linalg.norm(self.q, axis=1)):
             why = "Where exp(i q . r) is the same at all sites of a lattice, all balls move together, as at q = 0"
-            raise InputError(message("a wave with q = 0 has no velocity", why, "Give other wave vectors"))
+            raise InputError("a wave with q = 0 has no velocity", why, "Give other wave vectors")
         return np.asarray(2.0 * math.pi * self.peak / self.wavenumber)
 
     @property
@@ -442,17 +440,17 @@ class SpectralFunction(Refinable):
         from scipy.interpolate import CubicSpline
 
         if not found:
-            raise InputError(message("there are no spectral functions to average"))
+            raise InputError("there are no spectral functions to average")
         first = max(found, key=lambda one: one.top)
         for one in found:
             same = one.q.shape == first.q.shape and np.allclose(
                 one.q, first.q, rtol=_SAME, atol=_SAME * np.max(np.abs(first.q))
             )
             if not same or (one.polarisation, one.direction) != (first.polarisation, first.direction):
-                raise InputError(message("spectral functions of other wave vectors or polarisations have no mean"))
+                raise InputError("spectral functions of other wave vectors or polarisations have no mean")
             if abs(one.resolution - first.resolution) > _ALIKE * first.resolution:
                 what = f"the spectral functions have resolutions of {one.resolution:.6g} and {first.resolution:.6g} Hz"
-                raise InputError(message(what, mend="Give all of them the same resolution"))
+                raise InputError(what, mend="Give all of them the same resolution")
         points, every = first.frequencies, list[Array]()
         for one in found:  # zero from its ``top`` on
             if np.array_equal(points, one.frequencies):
@@ -477,7 +475,7 @@ class PlaneWaves:
         word = isinstance(polarisation, str)
         if word and polarisation == "longitudinal" and direction is not None and np.all(np.any(q, axis=1)):
             what = "a direction is given for a longitudinal wave, which moves along q"
-            raise InputError(message(what, mend="Leave it out"))
+            raise InputError(what, mend="Leave it out")
         self._polarisation = str(polarisation) if word else "given"
         numbers = direction if word else polarisation
         self._direction = () if numbers is None else finite_list("direction", numbers)
@@ -501,7 +499,7 @@ class PlaneWaves:
             found[n] += wave.first(moments)
         if not np.all(found[:, 0] > 0.0):
             why = "The wave vector or the polarisation is wrong"
-            raise InputError(message("no ball that touches others moves in this wave", why))
+            raise InputError("no ball that touches others moves in this wave", why)
         return SpectralFunction(
             self._q, self._polarisation, self._direction, kernel.frequencies, kernel.densities(found / found[:, :1]),
             kernel.top, moments, fold_wavevectors(self._operator.network, self._q),

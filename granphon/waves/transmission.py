@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError
 from granphon.base.results import Result
 from granphon.base.validation import finite_array
 from granphon.dynamics.bloch_waves import BlochWaves, Complex, Couplings, find_bloch_waves
@@ -98,26 +98,25 @@ def transmission(
     """
     at = finite_array("frequencies", frequencies, low="above zero")
     if at.ndim != 1 or not at.size or np.any(np.diff(at) <= 0.0):
-        raise InputError(message(f"frequencies are not ascending, or have the shape {at.shape}", mend="Give (n,) in Hz"))
+        raise InputError(f"frequencies are not ascending, or have the shape {at.shape}", mend="Give (n,) in Hz")
     leads = [_Lead.of(one, axis, q) for one in (left, right)]
     first, last = leads
     strip = given_network(last.space.network.cut(axis, last.space.reach + 1) if middle is None else middle)
     operator, damped = WaveOperator(strip), ContactDamping.of(strip, damping, loss_factor)
     if len({(one.name, one.letters) for one in (first.space.motions, last.space.motions, operator.motions)}) > 1:
         what = "the motions of the balls differ between the leads and the strip"
-        raise InputError(message(what, "A wave would have no motion to go on with", "Use the same motions, and friction"))
+        raise InputError(what, "A wave would have no motion to go on with", "Use the same motions, and friction")
     if strip.prestress and strip.tangential_force is not None and np.any(strip.tangential_force):
-        raise InputError(message("the strip has static tangential forces", "With prestress, they have no potential"))
+        raise InputError("the strip has static tangential forces", "With prestress, they have no potential")
     ends = [lead.fit(operator, lower=lead is first) for lead in leads]
     omega = 2.0 * np.pi * at
     waves = [find_bloch_waves(lead.blocks, omega**2, lead.space.size // lead.space.reach) for lead in leads]
     phase = np.exp(2.0j * np.pi * (strip.shift[:, : len(first.q)] @ first.q))
-    lossless = operator.matrix_of_wave(phase).tocsc() if damped.is_none else None
-    normal, other = damped.soften(omega)
+    parts = [operator.weigh(one, phase).tocsc() for one in (None, damped.losses, damped.times)[: 1 if damped.is_none else 3]]
     found = []
-    for place, frequency in enumerate(omega):
-        matrix = operator.matrix_of_wave(phase, normal[place], other[place]).tocsc() if lossless is None else lossless
-        found.append(_scatter(frequency**2, matrix, leads, ends, [one[place] for one in waves]))
+    for place, w in enumerate(omega):
+        matrix = sum(((-1j, -1j * w)[n] * one for n, one in enumerate(parts[1:])), parts[0])
+        found.append(_scatter(w**2, matrix, leads, ends, [one[place] for one in waves]))
     modes = np.array([one.shape for _, one in found])[:, ::-1]
     most = int(modes.max(initial=0))
     back, through = (np.zeros((len(at), most, most), complex) for _ in range(2))
@@ -175,20 +174,20 @@ def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:
     frequencies or numbers of waves; and where nothing is transmitted.
     """
     if not all(isinstance(one, Transmission) for one in runs) or len({one.amplitudes.shape for one in runs}) != 1:
-        raise InputError(message("runs are not transmissions with the same leads", mend="Give results of gp.transmission"))
+        raise InputError("runs are not transmissions with the same leads", mend="Give results of gp.transmission")
     first = runs[0]
     if any(np.any(one.frequencies != first.frequencies) or np.any(one.modes != first.modes) for one in runs):
-        raise InputError(message("runs have other frequencies or waves", mend="Give results of the same leads"))
+        raise InputError("runs have other frequencies or waves", mend="Give results of the same leads")
     lengths, of_run = np.unique([one.length for one in runs], return_inverse=True)
     samples = np.bincount(of_run)
     if len(lengths) < 2 or samples.min() < 2:
         what = f"there are {len(lengths)} lengths, with {samples.min()} samples or more"
-        raise InputError(message(what, "A fall and its error need two of each", "Give more runs"))
+        raise InputError(what, "A fall and its error need two of each", "Give more runs")
     through = np.array([np.diagonal(one.amplitudes, axis1=1, axis2=2) for one in runs])  # (runs, n_f, m)
     total = np.array([one.total for one in runs])
     open_ways = np.arange(through.shape[2]) < first.modes.min(axis=1)[:, None]
     if np.any(total[:, np.any(open_ways, axis=1)] <= 0.0) or not np.all(np.any(open_ways, axis=1)):
-        raise InputError(message("nothing is transmitted at some frequency", mend="Leave out frequencies of gaps"))
+        raise InputError("nothing is transmitted at some frequency", mend="Leave out frequencies of gaps")
 
     def fit(values: Array, variances: Array) -> tuple[Array, Array]:
         """Return the fall of ``values`` (lengths, ...) over the length, 1/m, and its error."""
@@ -253,7 +252,7 @@ class _Lead(NamedTuple):
         d = float(2.0 * np.mean(cut.radii[theirs]))
         if periods.shape != space.layers.cell.shape or np.any(np.abs(periods - space.layers.cell) > _THERE * d):
             why = "It must repeat along the layers as the lead does, and not across them"
-            raise InputError(message(what, why, "Give lead.cut(axis, layers), or a strip of the same width"))
+            raise InputError(what, why, "Give lead.cut(axis, layers), or a strip of the same width")
         if len(operator.balls) >= size:
             height = strip.positions[operator.balls, p]
             order = np.argsort(height if lower else -height, kind="stable")[:size]
@@ -281,7 +280,7 @@ class _Lead(NamedTuple):
                 rows = np.arange(size * count)
                 return csr_array((entries.ravel(), (rows, columns.ravel())), shape=(space.size, operator.size))
         why = f"Its outer balls do not stand where {size} balls of the lead's layers would"
-        raise InputError(message(what, why, "Begin and end it with layers like the lead's"))
+        raise InputError(what, why, "Begin and end it with layers like the lead's")
 
 
 def _scatter(

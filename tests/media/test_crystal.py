@@ -13,7 +13,9 @@ from ase import Atoms
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
-from scipy.optimize import minimize
+from scipy.integrate import quad
+from scipy.optimize import brentq, minimize
+from scipy.special import jv
 
 import granphon as gp
 from granphon.balls.lattices import LATTICES
@@ -632,23 +634,33 @@ def test_a_column_carries_its_weight(follows):
 
 
 def test_modes_of_a_column_are_those_of_a_bessel_function():
-    """The lowest modes of N balls are (5/6) j_n N^(-5/6) (g/delta_1)^(1/2), where delta_1 is the overlap under one weight.
+    """The lowest modes of N balls are (5/6) j_n N^(-5/6) (3 g/2 delta_1)^(1/2), with the overlap delta_1 under one weight.
 
-    The stiffness under depth z goes as z^(1/3): the modes of long waves are Bessel functions, of which j_n are the zeros of
-    J_(-2/5). What is left falls as 1/N^2 for low modes, and more slowly for the floor.
+    The stiffness under depth z goes as z^(1/3): the modes of long waves are u = s^(2/5) J_(-2/5)(s), s = j_n (z/N)^(5/6),
+    with the zeros j_n of J_(-2/5). By the Euler-Maclaurin formula in Rayleigh's quotient they are off by A/N^2 with
+
+        A = 5/216 - <u'^2>/24 = 5/216 - (25/432) j^(2/5) int_0^j s^(3/5) J_(3/5)(s)^2 ds / J_(3/5)(j)^2,
+
+    as a rigid floor is a mirror, whose contact is twice as stiff. The free end, where k goes as the root, adds N^(-8/3).
     """
-    zeros, off = np.array([1.7509754, 4.8785160, 8.0166324]), []
+    zeros = np.array([brentq(lambda x: jv(-0.4, x), at - 0.3, at + 0.3, xtol=1e-15) for at in (1.75, 4.88, 8.02)])
+    integral = np.array([quad(lambda x: x**0.6 * jv(0.6, x) ** 2, 0.0, zero)[0] for zero in zeros])
+    wanted = 5 / 216 - 25 / 432 * zeros**0.4 * integral / jv(0.6, zeros) ** 2
     law = gp.Hertz().between(PLAIN, PLAIN)
     unit = math.sqrt(G / law.overlap(PLAIN.mass * G))
-    counts = (40, 160, 640)
-    for n in counts:
+    counts, off = np.array([80, 160, 320, 640, 1280])[:, None], []
+    for n in counts[:, 0]:
         state = gp.Crystal.on("chain", [PLAIN]).cut(0, n, ("floor", "free")).at_pressure(0.0, gravity=(-G,))
         found = gp.Waves(state.network).modes(3).frequencies * 2 * math.pi
-        off.append(found / (5 / 6 * math.sqrt(1.5) * zeros * n ** (-5 / 6) * unit) - 1)
-    off = np.array(off)
-    assert np.all(np.abs(off[-1]) < 1e-4)
-    order = np.log(np.abs(off[:-1] / off[1:])) / math.log(4.0)
-    assert np.all(order[:, 1:] > 1.5)
+        off.append(found / (5 / 6 * math.sqrt(1.5) * zeros * float(n) ** (-5 / 6) * unit) - 1)
+    scaled = np.array(off) * counts**2
+    order = np.log2(np.abs(off[:-1]) / np.abs(off[1:]))
+    assert_allclose(order, 2.0, atol=0.02)
+    assert_allclose(order[-1], 2.0, atol=0.004)
+    # what is left of A falls as N^(-2/3)
+    left = scaled / wanted - 1.0
+    assert_allclose(left[:-1] / left[1:], np.full((4, 3), 2 ** (2 / 3)), rtol=0.05)
+    assert_allclose((2 ** (2 / 3) * scaled[1:] - scaled[:-1])[-1] / (2 ** (2 / 3) - 1), wanted, rtol=1e-5)
 
 
 def test_a_layer_on_a_floor_and_faces_that_are_pressed():

@@ -127,7 +127,7 @@ def test_balls_of_two_kinds_are_at_rest_where_all_pairs_of_spheres_push(follows,
             virial -= 0.5 * size * np.outer(normal, now if follows else rest)
     mean = np.mean(state.normal_force)
     assert_allclose(np.sort(sizes)[::2], np.sort(state.normal_force), rtol=0.0, atol=1e-9 * mean)
-    assert np.max(np.abs(pull)) < 1e-9 * mean
+    assert np.max(np.abs(pull)) < 3e-9 * mean  # the rounding of places
     area = np.linalg.det(cell if follows else crystal.cell)
     assert_allclose(virial / area, -pressure * np.eye(2), rtol=0.0, atol=1e-7)
 
@@ -158,6 +158,33 @@ def test_means_are_over_all_contacts_and_are_met(follows):
 def test_a_mean_overlap_is_found_from_far_away(lattice):
     state = gp.Crystal.on(lattice, [BALL]).sample((4, 4, 4), seed=1).at_overlap(2e-7)
     assert_allclose(np.mean(state.overlap), 2e-7, rtol=2e-11)
+
+
+@pytest.mark.parametrize(
+    ("lattice", "shape", "seed", "kind", "value"),
+    [
+        ("triangular", (8, 8), 1, "pressure", 3162.28), ("triangular", (8, 8), 2, "pressure", 72.0),
+        ("fcc", (4, 4, 4), 2, "pressure", 562e3), ("hcp", (4, 4, 3), 0, "pressure", 1.77828e6),
+        ("triangular", (8, 8), 1, "overlap", 1e-4 * D), ("fcc", (4, 4, 4), 0, "overlap", 1e-4 * D),
+        ("hcp", (4, 4, 3), 1, "overlap", 1e-4 * D),
+    ],
+)  # fmt: skip
+def test_wide_spreads_come_to_rest_in_the_true_geometry(lattice, shape, seed, kind, value):
+    """Newton's method alone goes round in circles here, or back to a saddle: most contacts of some balls are open."""
+    ball = gp.Ball(gp.Material(193e9, 0.3, 8000.0), D, spread=gp.Uniform(2.5e-3 * D))
+    crystal = gp.Crystal.on(lattice, [ball]).sample(shape, seed=seed)
+    state = getattr(crystal, f"at_{kind}")(value, finite_overlap=True)
+    d, table, mean = crystal.dimension, crystal.contacts, np.mean(state.normal_force)
+    force = state.normal_force[:, None] * state.normal
+    pull = np.zeros((crystal.n_balls, d))
+    np.add.at(pull, table.j, force)
+    np.add.at(pull, table.i, -force)
+    assert np.max(np.abs(pull)) < 1e-12 * mean
+    assert np.mean(state.normal_force == 0.0) > 0.1
+    pressure = -np.trace(state.stress) / d
+    assert_allclose(state.stress, -pressure * np.eye(d), rtol=0.0, atol=1e-12 * pressure)
+    found = pressure if kind == "pressure" else np.mean(state.overlap)
+    assert_allclose(found, value, rtol=1e-9)
 
 
 def test_a_sample_of_many_balls_does_not_drift():

@@ -1,0 +1,69 @@
+"""What is found of balls in motion: peaks, fronts, spectra, harmonics, in closed form on motions that are made up."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import granphon as gp
+from granphon.base.errors import InputError
+
+N, FRAMES, SPACING, V = 12, 801, 1e-3, 3.0
+
+
+def make(displacements=None, forces=None):
+    """A motion of balls 2 m apart along x, with contacts between neighbours."""
+    times, still, zero = np.linspace(0.0, 1.0, FRAMES), np.zeros((FRAMES, N, 3)), np.zeros(FRAMES)
+    chain = gp.Crystal.on("chain", [gp.Ball(gp.Material(1e9, 0.3, 1e3), 2.0)]).at_force(1.0).network.cut(0, N)
+    moved = still if displacements is None else displacements(times)
+    pushed = np.zeros((FRAMES, N - 1)) if forces is None else forces(times[:, None], chain.positions[1:, 0] - 1.0)
+    return gp.Motion(times, moved, still, still, still, pushed, 0.0 * pushed, zero, zero, zero, zero, zero, 1e-4, chain)
+
+
+def test_peaks_and_velocities_of_a_pulse():
+    """A parabola in time is found to rounding; a front is where the force has risen to its share."""
+    motion = make(forces=lambda t, x: 5.0 + np.maximum(2.0 - 1e3 * (t - 0.2 - x / 80.0) ** 2, 0.0))
+    times, heights = motion.peaks()
+    assert_allclose(heights, 7.0, rtol=1e-12)
+    assert_allclose(times, 0.2 + motion.middles[:, 0] / 80.0, rtol=1e-9)
+    assert_allclose(motion.pulse_velocity(range(11)), 80.0, rtol=1e-9)
+    assert_allclose(motion.pulse_velocity([0, 4, 9], direction=(0, 0, 1)), 0.0, atol=1e-9)
+    assert_allclose(motion.arrivals(0.5), times - math.sqrt(1e-3), atol=1e-5)
+    assert_allclose(motion.pulse_velocity(range(11), of="front", share=0.5), 80.0, rtol=1e-4)
+    assert np.all(np.isinf(make().arrivals()))
+
+
+def test_a_spectrum_and_harmonics_of_a_steady_motion():
+    """Amplitudes and phases of three multiples, over a mean that is left out."""
+    f, sizes = 20.0, np.array([1.0 + 0.5j, 0.2j, -0.03])
+
+    def move(times):
+        out = np.zeros((FRAMES, N, 3))
+        waves = np.exp(-2j * math.pi * f * times[:, None] * np.arange(1, 4)) @ sizes
+        out[:, :, 1] = 0.7 + waves.real[:, None] * (1.0 + np.arange(N))
+        return out
+
+    motion = make(move)
+    assert_allclose(motion.harmonics(f, axis=1), sizes[:, None] * (1.0 + np.arange(N)), rtol=1e-10)
+    frequencies, amplitudes = motion.spectrum(3, axis=1)
+    assert_allclose(amplitudes[20], 4.0 * abs(sizes[0]), rtol=5e-3)
+    assert_allclose(frequencies[20], f, rtol=2e-3)
+    assert_allclose(motion.positions[0, 5, 0], 10.0)
+
+
+@pytest.mark.parametrize(
+    ("ask", "words"),
+    [
+        (lambda m: m.pulse_velocity([0]), "contacts are"), (lambda m: m.pulse_velocity([0, 99]), "contacts are"),
+        (lambda m: m.pulse_velocity([0, 1], of="foot"), "of is"), (lambda m: m.pulse_velocity([0, 1]), "does not pass"),
+        (lambda m: m.pulse_velocity([0, 1], direction=(0, 0, 0)), "direction"), (lambda m: m.arrivals(0.0), "share"),
+        (lambda m: m.spectrum(99), "ball"), (lambda m: m.harmonics(1.0), "periods in the run"),
+        (lambda m: m.harmonics(300.0), "frames are in a period"), (lambda m: m.harmonics(20.0, axis=3), "axis"),
+    ],
+)  # fmt: skip
+def test_bad_questions_are_one_error(ask, words):
+    with pytest.raises(InputError, match=words):
+        ask(make())
