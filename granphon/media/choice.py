@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,6 +36,8 @@ from granphon.media.simulation import DirectSimulation, no_finite_overlap
 from granphon.media.state import ContactState, read_finite_overlap
 
 Array = NDArray[np.float64]
+#: the class of a medium
+MediumClass = TypeVar("MediumClass", bound=type)
 #: sides, in diameters, of the samples that an automatic medium chooses among, with two and with three periods
 SIDES = {
     2: (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024),
@@ -174,7 +176,7 @@ for _one in (AveragedLattice, AveragedForce, EffectiveMedium, ClusterMedium, Dir
     MEDIA.own(_one.name, _one)
 
 
-def register_medium(medium: type[MediumBase[Any]]) -> type[MediumBase[Any]]:
+def register_medium(medium: MediumClass) -> MediumClass:
     """Make a medium known by its ``name``: to sweeps, scenes and fits, with its ``words`` in figures.
 
     ``medium`` is a subclass of :class:`~granphon.LawMedium`, or of another medium, with a ``name`` of its own, which is made
@@ -185,9 +187,11 @@ def register_medium(medium: type[MediumBase[Any]]) -> type[MediumBase[Any]]:
     if not isinstance(own.get("name"), str):
         mend = "Give a subclass of granphon.LawMedium with a name of its own"
         raise InputError(f"{brief(medium)} is no medium", mend=mend)
+    found: type[MediumBase[Any]] = medium
     if "words" not in own:
-        medium.words = own["name"]
-    return MEDIA.add(own["name"], medium)
+        found.words = own["name"]
+    MEDIA.add(own["name"], found)
+    return medium
 
 
 def find_medium(name: str) -> type[Any]:

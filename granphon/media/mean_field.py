@@ -47,6 +47,12 @@ _LOCAL_FIELDS = ("computed", "paper")
 class LawMedium(MediumBase[ContactState]):
     """A medium that consists of a contact law: ``at_*`` take scalars or arrays, in SI.
 
+    A medium of your own is a subclass with a ``name``, its ``words`` in figures, and :attr:`spread_law`.
+
+    Parameters
+    ----------
+    packing : the balls.
+
     They raise :class:`~granphon.base.errors.InputError` for a load that is not finite, not compressive, or presses balls
     together by their whole diameter, and :class:`~granphon.base.errors.PrecisionError` for one so low that the law is not
     known there. With ``finite_overlap`` every result from the state includes the terms of relative order delta/d, and its

@@ -36,8 +36,11 @@ CostClass = Literal["packing", "state", "velocities", "exponent", "pulse", "spec
 class Analysis:
     """A state, with the results that several observables share. Each result is found once, and only when it is needed.
 
-    ``state`` is the state of a packing, a sample or a crystal. ``direction`` is that of the velocities, Cartesian, (p,) or
-    (n, p) for many; None for x. ``failed`` says of registered observables why they could not be found.
+    Attributes
+    ----------
+    state : the state of a packing, a sample or a crystal, at one load or many.
+    direction : that of the velocities, Cartesian, (p,) or (n, p) for many; None for x.
+    failed : why registered observables could not be found, by their names.
     """
 
     state: ContactState
