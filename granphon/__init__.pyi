@@ -111,8 +111,10 @@ from .waves.nonlinear import Drive as Drive
 from .waves.nonlinear import NonlinearWaves as NonlinearWaves
 from .waves.path_spectra import PathSpectra as PathSpectra
 from .waves.pulses import Pulse as Pulse
+from .waves.response import Peaks as Peaks
 from .waves.response import Response as Response
 from .waves.settings import PulseSettings as PulseSettings
+from .waves.settings import ResponseSettings as ResponseSettings
 from .waves.settings import SpectrumSettings as SpectrumSettings
 from .waves.settings import SurfaceSettings as SurfaceSettings
 from .waves.spectral_functions import SpectralFunction as SpectralFunction

@@ -568,11 +568,11 @@ def fit_width(
 
     Returns
     -------
-    :class:`WidthFit`. Standard errors are those of linear theory, from the given sigma or from the scatter. If from the
-    scatter, a parameter's error over its standard error follows Student's distribution with ``dof`` degrees of freedom.
-    The ``warnings`` say why a fit is not to be trusted: ``p`` below 0.001 or above 0.999, no degrees of freedom, a scatter
-    below the rounding of the data, data above the velocity of equal balls, one datum that decides the fit alone
-    (leverage above 0.9) or lies far off, a standard error above half the value.
+    :class:`WidthFit`. Standard errors follow from linear theory, with the given sigma or the scatter. If from the scatter, a
+    parameter's error over its standard error follows Student's distribution with ``dof`` degrees of freedom. The
+    ``warnings`` say why a fit is not to be trusted: ``p`` below 0.001 or above 0.999, no degrees of freedom, a scatter below
+    the rounding of the data, data above the velocity of equal balls, one datum that decides the fit alone (leverage above
+    0.9) or lies far off, a standard error above half the value.
 
     Raises
     ------
@@ -643,8 +643,9 @@ def convert_pressure(
 ) -> float:
     """Return the contact force, N, under a pressure (N on a line, N/m in the plane, Pa in space).
 
-    With finite overlap, which the exact geometry of a simulation has too, it is that in the ``medium`` at the packing's own
-    width; for a simulation in the effective medium, whose overlaps differ from those of samples by less than W/100.
+    With finite overlap, also in the exact geometry of a simulation, the force follows from the ``medium`` at the packing's
+    own width. A simulation is replaced by the effective medium, whose overlaps differ from the overlaps of samples by less
+    than W/100.
 
     Raises :class:`~granphon.base.errors.InputError` if the diameter is among the parameters to be ``fitted``, as the force
     is proportional to it.
@@ -670,8 +671,8 @@ def convert_cutoff(
 ) -> Array:
     """Return the velocities of long waves, (n,), m/s, at contact forces, N, that belong to cut-off frequencies, Hz.
 
-    A cut-off is the highest frequency of the branch along the direction, as of :func:`fit_width`. Its ratio to the velocity
-    is that of the lattice of equal balls, which holds in every medium but a simulation.
+    A cut-off is the highest frequency of the ``branch`` along the ``direction``, both as in :func:`fit_width`. The ratio of
+    velocity to cut-off is taken from the lattice of equal balls; it is the same in every medium but a simulation.
 
     Raises :class:`~granphon.base.errors.InputError` if the diameter is among the parameters to be ``fitted``, to which the
     ratio is proportional, or if the lattice has no such branch.

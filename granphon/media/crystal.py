@@ -98,7 +98,7 @@ class Crystal(Result):
         once. A law whose force is zero at overlaps below 0 only pushes. One that pulls there is a bond, which never
         opens; or it adheres down to its ``least_overlap``, and is zero below that.
     friction : whether contacts resist shear, with the stiffness of Mindlin for contacts that do not slip: kappa = 8 G* a,
-        where the contact radius a of any law is that of its stiffness k = 2 E* a.
+        where the contact radius a of any law follows from its stiffness k = 2 E* a.
     motions : the motions of each ball, as for :class:`~granphon.Packing`.
     torsion, bending : the stiffness of a contact against twist and rolling, over k times the square of the distance of its
         two centres; or torsion="mindlin", which is (16/3) a^3 over the sum of 1/G of both balls.
@@ -108,8 +108,8 @@ class Crystal(Result):
     ----------
     kinds, names : the different balls, and what each kind is called: A, B, C, ... if its ball has no name.
     kind : (n,) the number of the kind of each ball.
-    deviations : (n,) diameters of the balls of a :meth:`sample`, less those of their kinds, m; None of balls that are not
-        drawn.
+    deviations : (n,) diameters of the balls of a :meth:`sample`, minus the diameters of their kinds, m; None of balls that
+        are not drawn.
     contacts : the :class:`~granphon.balls.contact_table.ContactTable`, in m.
 
     Raises
@@ -217,7 +217,7 @@ class Crystal(Result):
             :class:`~granphon.Lattice`. A chain takes any number of kinds, and has as many balls in its cell; elsewhere the
             number of sites in the cell must be a multiple of the number of kinds.
         balls : a ball of each kind.
-        options : those of the class: law, friction, motions, torsion, bending, name.
+        options : options of the class: law, friction, motions, torsion, bending, name.
 
         The cell is scaled until neighbours touch. Raises :class:`~granphon.base.errors.InputError` if they cannot all touch,
         because the radii do not fit the lattice.
@@ -297,13 +297,13 @@ class Crystal(Result):
         Parameters
         ----------
         shape : (L1, ..., Lp), numbers of cells along the periods; by default one cell.
-        seed : the same seed gives the same diameters on any machine, and those of a sample of
-            :class:`~granphon.DirectSimulation`; a larger sample has those of a smaller one, before their mean is shifted.
+        seed : the same seed gives the same diameters on any machine, and the same as in :class:`~granphon.DirectSimulation`.
+            A larger sample contains the diameters of a smaller one, before their mean is shifted.
         diameters : (L1, ..., Lp), m, or (L1, ..., Lp, n) of n > 1 balls in the cell, instead of a shape and a seed.
 
-        Diameters of the balls of a kind are shifted so that their mean is exactly that of the kind. The balls differ little,
-        as those of a packing: they have the masses and the contact laws of the mean balls, and the reference sites stay
-        those at which mean balls touch, so that a contact has the overlap (D_i + D_j)/2 there, of deviations D. In
+        The diameters of a kind are shifted so that their mean is exactly the diameter of the kind. The diameters differ
+        little, as in a packing. All balls of a kind have the mass and the contact law of the mean ball, and mean balls touch
+        at the reference sites. A contact of balls with the deviations D_i and D_j has the overlap (D_i + D_j)/2 there. In
         the state at rest some contacts are then open, and some balls may be loose. Means of forces and overlaps, as
         :meth:`at_force` takes them, are over all contacts of the sample, the open ones too.
 
@@ -397,10 +397,10 @@ class Crystal(Result):
 
         Parameters
         ----------
-        axis : the number of the vector of the cell along which layers follow each other; or the integer Miller indices of
-            their plane, one for each vector of the cell as given, or the four of a hexagonal cell. The cells of fcc, bcc,
-            diamond and NaCl are primitive: the conventional plane (h, k, l) has the indices ``cell @ [h, k, l]``, made
-            whole numbers, in these. So fcc's conventional (0, 0, 1) is (1, 1, 0), and (1, 1, 1) is (1, 1, 1).
+        axis : index of the vector of the cell along which layers follow each other; or integer Miller indices of their
+            plane, one for each vector of the cell as given, or four in a hexagonal cell. The cells of fcc, bcc, diamond and
+            NaCl are primitive: the conventional plane (h, k, l) has the indices ``cell @ [h, k, l]``, made whole numbers, in
+            these. So fcc's conventional (0, 0, 1) is (1, 1, 0), and (1, 1, 1) is (1, 1, 1).
         layers : their number, in cells.
         edges : how the two faces are held: "free"; "clamped", the outer layer does not move by itself; "floor", a rigid
             plane touches the outer balls. One word for both, or (lower, upper).
@@ -664,8 +664,8 @@ class Crystal(Result):
 
         Parameters
         ----------
-        pressure : P, Pa in space, N/m in the plane, N on a line; one value or an array. Of what was cut it acts on both
-            faces too, on those that are free through their outer balls, in equal parts.
+        pressure : P, Pa in space, N/m in the plane, N on a line; one value or an array. On a cut crystal it also acts on
+            both faces; on a free face the outer balls share it equally.
         gravity : (d,) the acceleration, m/s^2, of a crystal that stands on a floor or clamp. Then the periods keep the
             length at which balls touch, as between walls, P acts on the upper face alone, and may be zero.
         finite_overlap : the true geometry: contacts turn, the cell deforms, P acts on the deformed cell, and static forces
@@ -698,7 +698,7 @@ class Crystal(Result):
         """Return the state at rest under that hydrostatic pressure at which contacts carry the mean ``force``, N.
 
         The mean is that over the contacts that carry a load, or touch if they adhere; of balls that differ in diameter that
-        over all contacts. ``gravity`` and ``finite_overlap``, and the errors, are those of :meth:`at_pressure`.
+        over all contacts. ``gravity``, ``finite_overlap`` and the errors are as in :meth:`at_pressure`.
         """
         return self._at_mean("force", force, gravity, finite_overlap)
 
@@ -1119,7 +1119,7 @@ class CrystalState(Result):
 
     @property
     def scales(self) -> Units:
-        """Reduced units at one load, those of the :attr:`network`.
+        """Reduced units at one load, as of the :attr:`network`.
 
         Raises :class:`~granphon.base.errors.InputError` for several loads.
         """
@@ -1137,8 +1137,9 @@ class CrystalState(Result):
     def limits(self) -> tuple[Check, ...]:
         """What limits the state, as conditions.
 
-        They are the contact radius over that of the ball, the overlap over the last of the table of a law, and the mean
-        pressure of a contact over the yield strength, each the largest over the contacts; and what no ball is made of.
+        They are the contact radius over the radius of the ball, the overlap over the last overlap of a tabulated law, and
+        the mean pressure of a contact over the yield strength, each the largest over the contacts; and material constants
+        that no solid has.
         """
         crystal, table = self.crystal, self.crystal.contacts
         at = [one for _, _, one in crystal._floors]
@@ -1164,9 +1165,9 @@ class CrystalState(Result):
     def valid(self) -> Any:
         """Whether the state is inside the range of its contact laws, at each load; :attr:`warnings` say why not.
 
-        The contact radius must be no more than a tenth of that of a ball, the mean pressure of a contact below 1.07 of the
-        yield strength, if that is given, and the overlap within the table of a tabulated law. A diameter, density or Young
-        modulus that no solid ball has, so that its unit is probably wrong, is not valid either.
+        The contact radius must be no more than a tenth of the radius of a ball, the mean pressure of a contact below 1.07 of
+        the yield strength, if that is given, and the overlap within the table of a tabulated law. A diameter, density or
+        Young modulus that no solid ball has, so that its unit is probably wrong, is not valid either.
         """
         met = np.all([check.ok for check in self.limits], axis=0)
         return bool(met) if self.is_single else met
