@@ -183,7 +183,8 @@ def register_medium(medium: MediumClass) -> MediumClass:
     of a packing. Returns it, so that it may stand above the class as a decorator. Raises
     :class:`~granphon.base.errors.InputError` for what is no such class, and for a name that is taken.
     """
-    own = vars(medium) if isinstance(medium, type) and issubclass(medium, MediumBase) else {}
+    given: Any = medium
+    own = vars(medium) if isinstance(given, type) and issubclass(given, MediumBase) else {}
     if not isinstance(own.get("name"), str):
         mend = "Give a subclass of granphon.LawMedium with a name of its own"
         raise InputError(f"{brief(medium)} is no medium", mend=mend)

@@ -414,7 +414,8 @@ def register_observable(
     error. Raises :class:`InputError` for a name that is taken, or is no such word, for a unit that is no text, and for a
     ``find`` that cannot be called.
     """
-    if not (isinstance(name, str) and name.isidentifier() and isinstance(unit, str) and isinstance(words, str)):
+    texts: tuple[Any, ...] = (name, unit, words)
+    if not (all(isinstance(one, str) for one in texts) and name.isidentifier()):
         what = f"the observable {brief(name)} has the unit {brief(unit)} and the words {brief(words)}"
         raise InputError(what, mend="Give a word of letters, digits and underscores, and two texts")
     require("cost", partial(choice, options=("state", "velocities", "exponent")), cost)
