@@ -11,7 +11,7 @@ the next axis: y in a plane, z in space, x of a chain.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -665,8 +665,9 @@ class Crystal(Result):
         ----------
         pressure : P, Pa in space, N/m in the plane, N on a line; one value or an array. On a cut crystal it also acts on
             both faces; on a free face the outer balls share it equally.
-        gravity : (d,) the acceleration, m/s^2, of a crystal that stands on a floor or clamp. Then the periods keep the
-            length at which balls touch, as between walls, P acts on the upper face alone, and may be zero.
+        gravity : (d,) the acceleration, m/s^2, of a crystal that stands on a floor or clamp, or (..., d), of which there is
+            one for each load. Then the periods keep the length at which balls touch, as between walls, P acts on the upper
+            face alone, and may be zero.
         finite_overlap : the true geometry: contacts turn, the cell deforms, P acts on the deformed cell, and static forces
             enter the response. By default overlaps are small, which drops terms of relative order delta/d.
 
@@ -676,20 +677,21 @@ class Crystal(Result):
             gravity that nothing holds, or forces that contacts cannot bear.
         ConvergenceError, InstabilityError : the crystal does not come to rest.
         """
-        values = finite_array("pressure", pressure)
-        field = self._read_gravity(gravity)
+        values, fields = self._read_gravity(finite_array("pressure", pressure), gravity)
         if np.any(values):
             self._require_pressable()
         adhere = self._springs.adhere
         if np.any(values < 0.0) and not adhere:
             what = f"pressure is {brief(values.tolist())}: tensile"
             raise InputError(what, "One-sided contacts carry no tension", "Give a pressure above zero")
-        if field is None and np.any(values == 0.0) and not adhere:
+        if not adhere and any(one == 0.0 and field is None for one, field in zip(values.flat, fields, strict=True)):
             why = "Balls that only touch have no stiffness, and carry no sound"
             raise InputError("pressure is zero", why, "Press them, or give gravity and a floor")
-        return self._solve_each(
-            values, lambda one: self._push_hydrostatic(one, field, f"a pressure of {one:g}"), finite_overlap
-        )
+
+        def push(one: Array, field: Array | None) -> Push:
+            return self._push_hydrostatic(float(one), field, f"a pressure of {one:g}")
+
+        return self._solve_each(values, fields, push, finite_overlap)
 
     def at_force(
         self, force: ArrayLike, *, gravity: ArrayLike | None = None, finite_overlap: bool | None = None
@@ -717,7 +719,7 @@ class Crystal(Result):
         stress : (p, p) symmetric, or Voigt: (1,), (3,) for xx, yy, xy or (6,) for xx, yy, zz, yz, xz, xy; or an array of
             these. Pa in space, N/m in the plane, N on a line. Of what was cut it is that along the periods that are left,
             and the faces are not pressed.
-        gravity : (d,) m/s^2, of a crystal that stands on a floor or clamp.
+        gravity : m/s^2, of a crystal that stands on a floor or clamp; see :meth:`at_pressure`.
         finite_overlap : see :meth:`at_pressure`; the stress is then Cauchy's, on the deformed cell.
 
         Raises
@@ -726,10 +728,9 @@ class Crystal(Result):
             their centres.
         ConvergenceError, InstabilityError : the crystal does not come to rest.
         """
-        values = self._read_tensor("stress", stress, 1.0)
-        field = self._read_gravity(gravity)
+        values, fields = self._read_gravity(self._read_tensor("stress", stress, 1.0), gravity, 2)
 
-        def push(one: Array) -> Push:
+        def push(one: Array, field: Array | None) -> Push:
             frame, _, _ = self._frame
             force, pressed = self._weigh(field), np.zeros(frame.motion.shape[1])
             force[frame.strains] += frame.work_of(one)
@@ -738,7 +739,7 @@ class Crystal(Result):
             words = f"the stress {brief(np.round(one, 12).tolist() if np.max(np.abs(one)) > 1e-6 else one.tolist())} {unit}"
             return Push(force, still, np.zeros(len(force)), one, pressed, words, self._tell_lift(field))
 
-        return self._solve_each(values, push, finite_overlap, 2)
+        return self._solve_each(values, fields, push, finite_overlap, 2)
 
     def at_strain(
         self, strain: ArrayLike, *, gravity: ArrayLike | None = None, finite_overlap: bool | None = None
@@ -756,13 +757,12 @@ class Crystal(Result):
         InputError : an array of another shape; a strain that opens all contacts, or shortens a period to nothing.
         ConvergenceError, InstabilityError : the crystal does not come to rest.
         """
-        values = self._read_tensor("strain", strain, 0.5)
+        values, fields = self._read_gravity(self._read_tensor("strain", strain, 0.5), gravity, 2)
         if (least := float(np.min(np.linalg.eigvalsh(values)))) <= -1.0:
             what = f"strain shortens crystal {self.name!r} by {-least:.4g} of its length"
             raise InputError(what, "Nothing would be left of it", "Give a strain above -1")
-        field = self._read_gravity(gravity)
 
-        def push(one: Array) -> Push:
+        def push(one: Array, field: Array | None) -> Push:
             frame, _, _ = self._frame
             force = self._weigh(field)
             held, given = np.zeros(len(force), bool), np.zeros(len(force))
@@ -770,7 +770,7 @@ class Crystal(Result):
             given[frame.strains] = [one[a, b] * frame.length for a, b in frame.pairs]
             return Push(force, held, given, None, np.zeros(len(force)), f"the strain {brief(one.tolist())}")
 
-        return self._solve_each(values, push, finite_overlap, 2)
+        return self._solve_each(values, fields, push, finite_overlap, 2)
 
     def _read_tensor(self, name: str, values: ArrayLike, shear: float) -> Array:
         """Return tensors (..., p, p), from these or from Voigt's order, in which shears count by the factor ``shear``."""
@@ -793,26 +793,33 @@ class Crystal(Result):
             out[..., a, b] = out[..., b, a] = given[..., number] * (1.0 if a == b else shear)
         return out
 
-    def _read_gravity(self, gravity: ArrayLike | None) -> Array | None:
-        """Return the acceleration (d,) of gravity; None without it. :class:`InputError` if nothing holds the balls."""
+    def _read_gravity(self, values: Array, gravity: ArrayLike | None, rank: int = 0) -> tuple[Array, list[Array | None]]:
+        """Return loads, whose last ``rank`` axes are those of one, and the acceleration (d,) of gravity at each, or None.
+
+        Loads and gravity are broadcast. Raises :class:`InputError` if they cannot be, or if nothing holds the balls.
+        """
+        lead = values.shape[: values.ndim - rank]
         if gravity is None:
-            return None
+            return values, [None] * math.prod(lead)
         field, d, p = finite_array("gravity", gravity), self.dimension, self.periods
-        field = field[None] if d == 1 and field.ndim == 0 else field
-        if field.shape != (d,):
-            what = f"gravity has the shape {field.shape}"
+        field = field[..., None] if d == 1 and field.shape[-1:] != (1,) else field
+        try:
+            shape = np.broadcast_shapes(lead, field.shape[:-1]) if field.shape[-1:] == (d,) else None
+        except ValueError:
+            shape = None
+        if shape is None:
+            what = f"gravity has the shape {field.shape}" + (f", and the loads {lead}" if lead else "")
             raise InputError(what, mend=f"Give its {counted(d, 'component')}, m/s^2, as (0, -9.81) in a plane")
-        if not np.any(field):
-            return None
-        across = np.abs(field) > 1e-12 * np.max(np.abs(field))
+        across = np.abs(field) > 1e-12 * np.max(np.abs(field), axis=-1, keepdims=True)
         walls = {face.axis for face in self.faces if face.is_held}
-        for axis in np.flatnonzero(across).tolist():
+        for axis in np.flatnonzero(np.any(across.reshape(-1, d), axis=0)).tolist():
             if axis < p or (axis not in walls and not any("clamped" in face.edges for face in self.faces)):
                 where = "repeats" if axis < p else "stands on nothing"
                 what = f"gravity acts along {'xyz'[axis]}, where crystal {self.name!r} {where}"
                 mend = 'Cut it, and let it stand: crystal.cut(axis, layers, edges=("floor", "free"))'
                 raise InputError(what, "Nothing holds the balls there", mend)
-        return np.asarray(field)
+        each = np.broadcast_to(field, (*shape, d)).reshape(-1, d)
+        return np.broadcast_to(values, shape + values.shape[len(lead) :]), [one if np.any(one) else None for one in each]
 
     def _weigh(self, field: Array | None) -> Array:
         """Return the forces (N,) of gravity on the unknowns of the statics."""
@@ -871,7 +878,7 @@ class Crystal(Result):
 
     def _at_mean(self, kind: str, values: ArrayLike, gravity: ArrayLike | None, finite_overlap: bool | None) -> CrystalState:
         """Return the state at which contacts have a mean force or overlap, by a search for the pressure."""
-        given, field = finite_array(kind, values), self._read_gravity(gravity)
+        given, fields = self._read_gravity(finite_array(kind, values), gravity)
         self._require_pressable()
         if np.any(given <= 0.0):
             word = "zero" if np.any(given == 0.0) else f"{brief(given.tolist())}: tensile"
@@ -883,7 +890,8 @@ class Crystal(Result):
         follows = read_finite_overlap(finite_overlap)
         frame, springs = self._frame[0], self._springs
         with _in_double_precision(given):
-            each = [self._find_mean(kind, one, field, follows, frame, springs) for one in given.ravel().tolist()]
+            loads = zip(given.ravel().tolist(), fields, strict=True)
+            each = [self._find_mean(kind, one, field, follows, frame, springs) for one, field in loads]
             return self._stack(given, each, 0, follows)
 
     def _require_pressable(self) -> None:
@@ -952,15 +960,17 @@ class Crystal(Result):
         )
         raise InputError(what, why, "Give a larger one" if field is not None else "")
 
-    def _solve_each(self, values: Array, make: Any, finite_overlap: bool | None, rank: int = 0) -> CrystalState:
-        """Return the state at each load: ``make`` makes the load of a value, or of a tensor of ``rank`` 2."""
+    def _solve_each(
+        self, values: Array, fields: Sequence[Array | None], make: Callable[[Array, Array | None], Push],
+        finite_overlap: bool | None, rank: int = 0,
+    ) -> CrystalState:  # fmt: skip
+        """Return the state at each load: ``make`` makes that of a value, or of a tensor of ``rank`` 2, and of gravity."""
         follows = read_finite_overlap(finite_overlap)
         frame, springs = self._frame[0], self._springs
         found = []
-        flat = values.reshape(-1, *values.shape[values.ndim - rank :]) if rank else values.ravel()
         with _in_double_precision(values):
-            for one in flat:
-                push = make(one if rank else float(one))
+            for one, field in zip(values.reshape(-1, *values.shape[values.ndim - rank :]), fields, strict=True):
+                push = make(one, field)
                 rest = settle(frame, springs, push)
                 found.append((settle_exactly(frame, springs, push, rest) if follows else rest, push))
             return self._stack(values, found, rank, follows)

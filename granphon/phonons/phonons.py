@@ -39,6 +39,8 @@ from granphon.phonons.phonopy_bridge import ContactPhonopy, write_phonopy
 
 Array = NDArray[np.float64]
 
+#: balls of a cell up to which gaps are sought on the full mesh
+_FEW_BALLS = 16
 #: greatest number of points of a mesh: phonopy's tables of more do not fit into memory
 _MOST_MESH_POINTS = 1e9
 #: number of mesh points whose eigenvectors are held in memory at a time
@@ -417,9 +419,12 @@ class Phonons:
 
         Parameters
         ----------
-        mesh : numbers of wave vectors along each period, from Gamma; by default 256, 48 x 48, or 16 x 16 x 16.
+        mesh : numbers of wave vectors along each period, from Gamma; by default 256, 48 x 48, or 16 x 16 x 16. The zone of a
+            cell of more than 16 balls is small: its mesh has 4 over the number of balls of these points, at least two a row.
         """
-        p, given = self._periods, _GAP_MESHES[self._periods - 1] if mesh is None else mesh
+        p, n = self._periods, self.lattice.n_balls
+        finer = (n / 4.0) ** (1.0 / p) if n > _FEW_BALLS else 1.0
+        given = [max(2, round(one / finer)) for one in _GAP_MESHES[p - 1]] if mesh is None else mesh
         numbers = grid_numbers("mesh", given, 1, LARGEST_COUNT, " ".join(map(str, _pad((48,) * p))), p)
         axes = [np.arange(number) / number for number in numbers]
         axes[0] = axes[0][: numbers[0] // 2 + 1]  # q and -q have the same frequencies
