@@ -55,7 +55,7 @@ from granphon.base.text import plain_yaml
 from granphon.cli.commands import app
 from granphon.cli.commands import main as granphon
 from granphon.fits.fit import FIT_FILES
-from granphon.media.choice import MEDIA, OPTIONS
+from granphon.media.choice import MEDIA
 from granphon.media.simulation import DEFAULT_SHAPES
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE
@@ -117,7 +117,8 @@ SCENES = {
     f"medium: {{{_CUBE}}}",
     "cube": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}, lattice: fcc}}\nload: {{force: 20 N}}\n"
     f"medium: {{{_CUBE}}}",
-    "crystal": "packing: {diameter: 8 mm, lattice: fcc}\nload: {force: 5 N}\nobserve: [bands]\nphonopy: {band_points: 3}",
+    "crystal": "packing: {diameter: 8 mm, lattice: fcc}\nload: {force: 5 N}\nobserve: [bands]\nphonopy: {band_points: 3}\n"
+    "bands: {damping: 1 us, loss_factor: 0.01}",
 }  # fmt: skip
 
 
@@ -263,7 +264,7 @@ def medium_options() -> str:
             told(partial(one.rule, object())),
             _option_default(f"{name}.{key}", one.default),
         ]
-        for name, options in OPTIONS.items()
+        for name, options in ((name, medium.options) for name, medium in MEDIA.items())
         for key, one in options.items()
     ]
     return table(("medium", "option", "what it is", "allowed", "default"), rows)

@@ -33,12 +33,12 @@ class ClusterMedium(LawMedium):
     ----------
     packing : the balls, on any lattice that stands with its motions.
     balls : number of balls of the cluster, one that completes a shell: 7, 19 or 37 on the triangular lattice, 13 in fcc and
-        hcp. None is the first shell: the ball in the middle and those that touch it.
+        hcp. None is the first shell: the ball in the middle and the balls that touch it.
 
     Raises
     ------
-    InputError : a number of balls that no shell completes; the message lists those that do. From ``law`` and ``at_*``, a
-        :class:`~granphon.base.errors.MechanismError` if the lattice has a motion that costs no energy.
+    InputError : a number of balls that no shell completes; the message lists the numbers of complete shells. From ``law``
+        and ``at_*``, a :class:`~granphon.base.errors.MechanismError` if the lattice has a motion that costs no energy.
     """
 
     name, words = "cluster", "cluster medium"
@@ -72,7 +72,7 @@ class ClusterMedium(LawMedium):
 
     @property
     def is_quick(self) -> bool:
-        """Whether its states take less than 0.1 s: those of equal balls do."""
+        """Whether its states take less than 0.1 s, as for equal balls."""
         return not self.packing.width
 
     def prepare(self) -> None:
@@ -98,7 +98,8 @@ class ClusterMedium(LawMedium):
         return float(np.max(law.quadrature_error(y * law.width)))
 
     @property
-    def _law(self) -> Law:
+    def spread_law(self) -> Law:
+        """Contact law of the medium for balls that differ, in SI."""
         packing, spread = self.packing, self.packing.spread
         # where all contacts must carry one force, as on a chain, balls that differ are as good as equal ones
         if not spread or self.response.is_fixed:

@@ -47,10 +47,16 @@ _LOCAL_FIELDS = ("computed", "paper")
 class LawMedium(MediumBase[ContactState]):
     """A medium that consists of a contact law: ``at_*`` take scalars or arrays, in SI.
 
+    A medium of your own is a subclass with a ``name``, its ``words`` in figures, and :attr:`spread_law`.
+
+    Parameters
+    ----------
+    packing : the balls.
+
     They raise :class:`~granphon.base.errors.InputError` for a load that is not finite, not compressive, or presses balls
     together by their whole diameter, and :class:`~granphon.base.errors.PrecisionError` for one so low that the law is not
-    known there. With ``finite_overlap`` every result from the state includes the terms of relative order delta/d, and its
-    pressure and density are those of a boundary that shrinks with the balls.
+    known there. With ``finite_overlap`` every result from the state includes the terms of relative order delta/d, and
+    pressure and density count the boundary that shrinks with the balls.
     """
 
     packing: Packing
@@ -58,12 +64,12 @@ class LawMedium(MediumBase[ContactState]):
     @cached_property
     def law(self) -> Law:
         """Contact law of the medium; for equal balls, and on a line, it is Hertz's law in every medium."""
-        return self._law if self.packing.spread_matters else self.packing.law
+        return self.spread_law if self.packing.spread_matters else self.packing.law
 
     @property
     @abstractmethod
-    def _law(self) -> Law:
-        """Contact law of the medium for balls that differ."""
+    def spread_law(self) -> Law:
+        """Contact law of the medium for balls that differ, in SI."""
 
     def __post_init__(self) -> None:
         given_packing(self.packing)
@@ -135,7 +141,8 @@ class AveragedLattice(LawMedium):
     name, words = "ala", "averaged lattice"
 
     @property
-    def _law(self) -> Law:
+    def spread_law(self) -> Law:
+        """Contact law of the medium for balls that differ, in SI."""
         return self.packing.law
 
 
@@ -153,7 +160,8 @@ class AveragedForce(LawMedium):
     name, words = "afa", "averaged force"
 
     @property
-    def _law(self) -> Law:
+    def spread_law(self) -> Law:
+        """Contact law of the medium for balls that differ, in SI."""
         spread = self.packing.spread
         return AveragedLaw(self.packing.law.coefficient, self.packing.width, spread.shape) if spread else self.packing.law
 
@@ -168,11 +176,11 @@ class EffectiveMedium(LawMedium):
     diameters puts a kink into the law, which is resolved. For some lists with diameters rarer than about 1 % the stiffness
     falls to zero at a higher f* than 1e-6, and the equation has no solution below. On a line it is Hertz's law.
 
-    Friction makes Xi larger: the lattice around a ball gives way less, by springs eta k against slip. That is all that it
-    holds of friction in the statics: contacts bear no tangential force at rest, there is no friction coefficient and none
-    slides, and the way to the load does not matter; :class:`DirectSimulation` with ``friction_history`` has all that. At a
-    given overlap the medium's friction adds too much force at low load, and less than half of what it should from a* = 0.8
-    to 1. In sound every contact has the shear stiffness eta k, as with ``shear_response="stick"``.
+    Friction makes Xi larger: the lattice around a ball gives way less, by springs eta k against slip. It has no other
+    friction in the statics: contacts bear no tangential force at rest and do not slide, there is no friction coefficient,
+    and the path to the load does not matter. :class:`DirectSimulation` with ``friction_history`` has all of this. At a given
+    overlap the medium's friction adds too much force at low load, and less than half of what it should from a* = 0.8 to 1.
+    In sound every contact has the shear stiffness eta k, as with ``shear_response="stick"``.
 
     Parameters
     ----------
@@ -232,8 +240,8 @@ class EffectiveMedium(LawMedium):
         """Local-field factor Xi, with alpha and beta, of the packing's lattice, Mindlin ratio, torsion and bending.
 
         Without friction, torsion and bending some lattices have none: it raises
-        :class:`~granphon.base.errors.MechanismError`. With ``torsion="mindlin"`` it is that of no torsion, to which it tends
-        as delta/d, because the medium leaves out terms of the order delta/d.
+        :class:`~granphon.base.errors.MechanismError`. With ``torsion="mindlin"`` torsion is left out, because it is of the
+        order delta/d, as other terms that the medium leaves out.
         """
         packing, eta = self.packing, self.packing.mindlin_ratio
         if self.source == "paper":
@@ -242,7 +250,8 @@ class EffectiveMedium(LawMedium):
         return local_field(packing.structure, eta, bending=packing.bending, torsion=torsion)
 
     @property
-    def _law(self) -> Law:
+    def spread_law(self) -> Law:
+        """Contact law of the medium for balls that differ, in SI."""
         spread, law = self.packing.spread, self.packing.law
         if not spread or self.local_field.is_determinate:
             return law

@@ -7,7 +7,7 @@ elements. It need not have any order. Waves in it are found by :class:`granphon.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, Self
@@ -21,11 +21,12 @@ from granphon.balls.lattices import Lattice
 from granphon.balls.layers import Layers, find_axes, find_faces, read_edges
 from granphon.balls.material import Material
 from granphon.balls.motions import Motions, allowed_motions, select_motions
-from granphon.base.errors import InputError, brief
+from granphon.base.errors import GranphonError, InputError, brief
+from granphon.base.registry import Registry
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
-from granphon.base.validation import label, lengths, real_array, require, text_list, truth, whole_number
+from granphon.base.validation import choice, label, lengths, real_array, require, text_list, truth, whole_number
 from granphon.networks.building import LARGEST, MOST_STEPS, read_whole_numbers
 
 Array = NDArray[np.float64]
@@ -275,7 +276,8 @@ class ContactNetwork(Result):
 
     @cached_property
     def rattlers(self) -> Index:
-        """Indices of the balls that carry no load: fewer contacts than can hold them, then those that these leave so.
+        """Indices of the balls that carry no load: balls with too few contacts to be held, then balls that have too few
+        contacts without them, and so on.
 
         A contact counts if its force is above 1e-6 of the mean of all; if no contact of the network has a force, all
         contacts count, as if their forces were equal. See :meth:`without_rattlers`. A wall is no rattler.
@@ -323,10 +325,10 @@ class ContactNetwork(Result):
     def without_rattlers(self, held_by: int | None = None) -> Self:
         """Return the network without the balls that carry no load; ``left_out`` says how many these are.
 
-        ``held_by`` is the least number of contacts of a ball that is held: by default two where contacts resist slip, and
-        one more than there are dimensions where they do not; there, two contacts or more whose forces are in balance, as
-        along a straight row, hold a ball as well. Where gravity holds balls down, too, it is smaller: give it.
-        Raises :class:`~granphon.base.errors.InputError` if no ball is held.
+        ``held_by`` is the least number of contacts that hold a ball: by default two if contacts resist slip, else one more
+        than there are dimensions. Without slip resistance two or more contacts whose forces are in balance, as along a
+        straight row, also hold a ball. Where gravity holds balls down, too, it is smaller: give it. Raises
+        :class:`~granphon.base.errors.InputError` if no ball is held.
         """
         least = None if held_by is None else whole_number("held_by", held_by, 0)
         loose = self.rattlers if least is None else self._find_rattlers(least)
@@ -345,7 +347,7 @@ class ContactNetwork(Result):
     def select(self, balls: ArrayLike) -> Self:
         """Return the network of some balls, given by their indices or as (n,) truth values, and of the contacts among them.
 
-        Its ``labels`` are those of the balls, or their indices in this network if these have none. Raises
+        It keeps the ``labels`` of the balls; if they have none, the labels are their indices in this network. Raises
         :class:`~granphon.base.errors.InputError` for balls that are not there, for a ball given twice, and for none.
         """
         chosen = np.asarray(balls)
@@ -369,7 +371,7 @@ class ContactNetwork(Result):
     def pieces(self) -> tuple[Self, ...]:
         """Return the networks into which this one falls, the largest first; (self,) if contacts join all balls.
 
-        A wall joins no pieces, as it does not move, and is in each of those that it touches.
+        A wall does not move and joins no pieces; it is part of each piece that it touches.
         """
         piece, moving = number_pieces(self.i, self.j, self.moving), self.moving
         members = np.flatnonzero(moving)
@@ -428,8 +430,8 @@ class ContactNetwork(Result):
             indices of their plane, one for each period.
         layers : their number, in cells.
         edges : how the two faces are held: "free"; "clamped", the balls of the outer layer do not move; "floor", a rigid
-            plane touches the outer balls, with the mean stiffness of the contacts that each of them has lost there, and
-            their force across the edge. One word for both, or (lower, upper).
+            plane touches the outer balls, with the mean stiffness of the contacts that each ball has lost there, and their
+            force across the edge. One word for both, or (lower, upper).
 
         The layers follow each other along the first axis that is no longer a period, the lower face first: y of what was cut
         from a plane, z from space, x from a chain. If need be the network is turned, so that the periods that are left lie
@@ -603,8 +605,8 @@ class ContactNetwork(Result):
         dimension : 1, 2 or 3; by default 2 where z is the same for all balls, else 3.
         motions, friction, prestress, keep_rattlers, held_by : see :meth:`from_table`.
 
-        With ``prestress`` the response is that of ``mindlin/force``, but for the part of the tangential forces that has no
-        potential, and for slip, which LAMMPS counts with the radii. Contacts with walls are not in ``compute
+        With ``prestress`` the response is that of ``mindlin/force``, with two differences: the part of the tangential forces
+        without a potential is left out, and LAMMPS computes slip with the radii. Contacts with walls are not in ``compute
         pair/local``, and are missing.
 
         A force that is more than ten times that of Hertz's law at the overlap of its balls, or less than a tenth, is an
@@ -622,6 +624,29 @@ class ContactNetwork(Result):
         fields = source.complete(material, friction, dimension, motions, prestress)
         return cls(**fields)._leave_out(keep_rattlers, held_by)
 
+    @classmethod
+    def read(cls, program: str, *files: Any, **options: Any) -> ContactNetwork:
+        """Return the network in the ``files`` of a program, by the reader of this name.
+
+        "tables" is :meth:`from_table`, "lammps" :meth:`from_lammps`; others are those of
+        :func:`~granphon.register_reader`. ``options`` are the reader's.
+
+        Raises :class:`~granphon.base.errors.InputError` for a name without a reader, for what the reader refuses, and where
+        it fails: the message names it.
+        """
+        reader = READERS[require("program", partial(choice, options=READERS), program)]
+        try:
+            found: Any = reader(*files, **options)
+        except GranphonError:
+            raise
+        except Exception as error:
+            what = f"{READERS.describe(program)} fails: {type(error).__name__}: {error}"
+            raise InputError(what, mend="Mend it, or the files") from error
+        if not isinstance(found, ContactNetwork):
+            what = f"{READERS.describe(program)} returns {brief(found)}"
+            raise InputError(what, mend="Let it return a granphon.ContactNetwork, as from_table makes one")
+        return found
+
     def _leave_out(self, keep_rattlers: bool, held_by: int | None) -> Self:
         return self if require("keep_rattlers", truth, keep_rattlers) else self.without_rattlers(held_by)
 
@@ -633,6 +658,24 @@ class ContactNetwork(Result):
         from granphon.networks.tables import write_tables
 
         write_tables(vars(self), balls, contacts)
+
+
+#: what reads the files of other programs, by the name of the program
+READERS: Registry[Callable[..., ContactNetwork]] = Registry("reader")
+READERS.own("tables", ContactNetwork.from_table)
+READERS.own("lammps", ContactNetwork.from_lammps)
+
+
+def register_reader(name: str, read: Callable[..., ContactNetwork]) -> Callable[..., ContactNetwork]:
+    """Make the reader of another program's contacts known by a name, to :meth:`ContactNetwork.read`.
+
+    ``read`` takes the paths of files, and options, and returns a :class:`~granphon.ContactNetwork`, as
+    :meth:`ContactNetwork.from_table` makes one of arrays in SI. Returns it. Raises
+    :class:`~granphon.base.errors.InputError` for what cannot be called, and for a name that is taken.
+    """
+    if not callable(read):
+        raise InputError(f"{brief(read)} reads no files", mend="Give a function of paths")
+    return READERS.add(name, read)
 
 
 def given_network(source: Any) -> ContactNetwork:

@@ -25,6 +25,7 @@ sweep_dos.*            of a sweep of simulations: densities of states of the arr
 sweep_spectra.*        of such a sweep: frequency, width, mean free path of plane waves in the arrays, .csv and .png
 sample_dos.*           of a simulation: density of states of the first sample; .json, .csv and .png of it
 spectrum.*, pulse.*    spectral functions of the first sample along the path; a pulse through all samples
+damped_bands.csv       frequencies, decay and Q of bands whose contacts lose energy, if the block bands asks for them
 response.*             response in frequency of the network of each state: .csv and .png
 diameters.csv          the measured diameters, if they are too many for scene.yaml
 =====================  =====================================================================================
@@ -99,7 +100,7 @@ _COLUMNS = {
 #: names of all files that a run may write
 RESULT_FILES = (
     "scene.yaml", "summary.yaml", "sweep.nc", "sweep.csv", "sweep_dos.csv", "sweep_spectra.csv", "band.yaml",
-    "phonopy_params.yaml", "dos.csv", "sample.extxyz", "sample_balls.csv", "sample_contacts.csv",
+    "damped_bands.csv", "phonopy_params.yaml", "dos.csv", "sample.extxyz", "sample_balls.csv", "sample_contacts.csv",
     *(f"{stem}.{ending}" for stem in KEPT for ending in ("json", "csv")),
     *(f"{name}.{ending}" for name in NETWORK_BLOCKS for ending in ("csv", "png")),
     "sweep.png", *SWEEP_FIGURES, "bands.png", "dos.png", "forces.png", *(f"{stem}.png" for stem in KEPT),
@@ -111,10 +112,6 @@ _EXTENTS = (
     "time_of_flight", "coherent_fraction", "surface_velocity", "peak_frequency", "peak_quality",
     *(f"ioffe_regel_{name}" for name in POLARISATIONS),
 )  # fmt: skip
-#: what the summary of one state says of the waves in its samples, or at its edge, where it is known
-_OF_WAVES = [
-    name for name, one in CATALOGUE.items() if one.cost in ("pulse", "spectrum", "surface", "network") and not one.dims
-]
 
 
 def list_files(scene: Plan) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -122,6 +119,7 @@ def list_files(scene: Plan) -> tuple[tuple[str, ...], tuple[str, ...]]:
     seen, drawn = scene.observe, list[str]()
     names = ["scene.yaml", "summary.yaml", *[DIAMETERS_FILE] * (scene.diameters is not None), "sweep.nc", "sweep.csv"]
     names += [f"{name}.csv" for name in NETWORK_BLOCKS if name in seen]
+    names += ["damped_bands.csv"] * ("bands" in seen and scene.bands is not None)
     drawn += [f"{name}.png" for name in NETWORK_BLOCKS if name in seen]
     if not scene.is_single:
         names += ["sweep_dos.csv"] * ("dos" in seen) + ["sweep_spectra.csv"] * ("spectrum" in seen)
@@ -259,7 +257,10 @@ class RunResult:
             out["pulse_distance"] = self.waves.pulse.distance
         if "response_phase" in self.dataset:
             out["peaks"] = self._list_peaks()
-        known = {name: self.dataset[name].item() for name in _OF_WAVES if name in self.dataset}
+        # of the waves in its samples, in its network or at its edge, what is known
+        costs = ("pulse", "spectrum", "surface", "network")
+        of_waves = [name for name, one in CATALOGUE.items() if one.cost in costs and not one.dims]
+        known = {name: self.dataset[name].item() for name in of_waves if name in self.dataset}
         return out | {name: value for name, value in known.items() if np.isfinite(value)}
 
     def _list_peaks(self) -> dict[str, list[dict[str, float]]]:
@@ -479,7 +480,7 @@ def write_numbers(result: Any, place: Path, advance: Callable[[int], None]) -> N
                 continue
             case "sweep.nc":  # and sweep.csv beside it
                 write_sweep(result.dataset, path)
-            case _ if stem in ("sweep_dos", "sweep_spectra", *NETWORK_BLOCKS):
+            case _ if stem in ("sweep_dos", "sweep_spectra", "damped_bands", *NETWORK_BLOCKS):
                 write_waves(result.dataset, path)
             case "band.yaml":
                 result.bands.write(path)
