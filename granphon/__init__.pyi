@@ -42,6 +42,9 @@ from .figures.plot import plot as plot
 from .fits.fit import WidthFit as WidthFit
 from .fits.fit import fit_width as fit_width
 from .fits.measurements import Measurements as Measurements
+from .fits.transfer import DampingFit as DampingFit
+from .fits.transfer import TransferFunction as TransferFunction
+from .fits.transfer import fit_damping as fit_damping
 from .laws.spread import SpreadLaw as SpreadLaw
 from .media.arrangement import Arrangement as Arrangement
 from .media.choice import AutoMedium as AutoMedium
