@@ -322,8 +322,8 @@ class Block:
             if pushed is None:
                 apart = lapack_svd(point.rows)[1]
             else:  # a negative square, of a lattice that buckles, stays among the others
-                squares, apart = np.linalg.eigh(pushed)
-                apart = np.take_along_axis(apart, np.argsort(np.abs(squares), axis=1)[:, None], 2)
+                own_squares, apart = np.linalg.eigh(pushed)
+                apart = np.take_along_axis(apart, np.argsort(np.abs(own_squares), axis=1)[:, None], 2)
         rest = None if apart is None else apart[:, :, self.free :]
         if pushed is None:
             values, right = graded_svd(point.rows if rest is None else point.rows @ rest)
