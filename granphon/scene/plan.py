@@ -275,10 +275,10 @@ class Plan:
             axis = self.surface.axis if isinstance(self.surface.axis, int) else " ".join(map(str, self.surface.axis))
             rows.append(("surface", f"axis {axis}, {self.surface.edge}", ""))
         if self.response is not None and "response" in seen:
-            told = ("source", "receiver", "quantity", "damping", "loss_factor")
-            rows += [(f"{name.replace('_', ' ')} of the response", getattr(self.response, name), "") for name in told]
-            ends = self.response.frequencies[0], self.response.frequencies[-1]
-            rows.append(("frequencies", f"{len(self.response.frequencies)}, {ends[0]:.6g} to {ends[1]:.6g}", "Hz"))
+            of, places = self.response, (("source", self.response.source), ("receiver", self.response.receiver))
+            rows += [("response", of.quantity, ""), ("frequencies of the response", of.frequencies, "Hz")]
+            rows += [(name, ", ".join(texts), "") for name, texts in places]
+            rows += [("damping of contacts", of.damping, "s"), ("loss factor of contacts", of.loss_factor, "")]
         rows += [("mesh", " x ".join(map(str, self.mesh)), "")] * ("dos" in seen)
         return [row for row in rows if row[1] is not None]
 
