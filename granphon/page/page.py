@@ -110,10 +110,13 @@ def describe_network_page(
 
 def _find_losses(losses: BandsSettings | None) -> dict[str, float] | None:
     """Return damping, s, and loss factor of all motions of contacts; None if none are given, or they differ."""
-    pairs = {} if losses is None else {"damping": losses.damping, "loss_factor": losses.loss_factor}
-    pairs = {name: one if isinstance(one, tuple) else (one, one) for name, one in pairs.items()}
-    even = all(one[0] == one[1] for one in pairs.values())
-    return {name: one[0] for name, one in pairs.items()} if pairs and even else None
+    found = dict[str, float]()
+    for name, given in () if losses is None else (("damping", losses.damping), ("loss_factor", losses.loss_factor)):
+        normal, other = given if isinstance(given, tuple) else (given, given)
+        if normal != other:
+            return None
+        found[name] = normal
+    return found or None
 
 
 def describe_page(
