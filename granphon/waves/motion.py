@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.errors import InputError, brief
+from granphon.base.records import RecordFile, read_records
 from granphon.base.results import Result
 from granphon.base.validation import number, positive, require, whole_number
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+#: what a file of a motion says about itself
+_ABOUT = {"format": "granphon motion", "schema": "1"}
 #: least number of frames in a period of the highest harmonic
 _PER_PERIOD = 2.5
 
@@ -68,6 +72,17 @@ class Motion(Result):
     j: Index
     middles: Array
     step: float
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str], frames: slice = slice(None)) -> Self:
+        """Return the motion that a run has written to a file, or some of its ``frames``; the run may still go on.
+
+        Raises :class:`~granphon.base.errors.InputError` for a file that is not there, or that is of another kind or schema.
+        """
+        found = read_records(path, _ABOUT, frames)
+        ends: Any = {name: found.pop(name).astype(np.intp) for name in ("i", "j")}
+        step = float(found.pop("duration_of_step"))
+        return cls(**found, **ends, step=step)
 
     @property
     def energy(self) -> Array:
@@ -159,3 +174,102 @@ class Motion(Result):
         terms = np.hstack([np.ones((len(angle), 1)), np.cos(angle), np.sin(angle)])
         fitted: Any = np.linalg.lstsq(terms, self.displacements[last, :, whole_number("axis", axis, 0, 2)], rcond=None)[0]
         return np.asarray(fitted[1 : most + 1] + 1j * fitted[most + 1 :])
+
+
+class Frames:
+    """The frames of a run as they come, in memory or in a file; a context.
+
+    Parameters
+    ----------
+    sites : (n, 3) m.
+    i, j : (n_c,) contacts of the network, and their places from ball i, ``arms`` (n_c, 3) m.
+    step : s.
+    path : of the file, or None.
+    """
+
+    def __init__(self, sites: Array, i: Index, j: Index, arms: Array, step: float, path: Any) -> None:
+        self._fixed: dict[str, Any] = {"sites": sites, "i": i, "j": j, "middles": sites[i] + arms}
+        self._step, self._path, self._columns = step, path, dict[tuple[int, ...], int]()
+        self._frames: list[dict[str, Any]] = []
+        self._file: RecordFile | None = None
+        self._count, self.last_time = 0, 0.0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._file is not None:
+            self._file.close()
+
+    def keep(self, frame: Mapping[str, Any], forces: Array, shears: Array, met: Sequence[tuple[int, ...]]) -> None:
+        """Keep a frame. Contacts beyond those of the network, ``met`` (i, j, shift), get a column when they first push."""
+        base = len(self._fixed["i"]) - len(self._columns)
+        new = [pair for pair, force in zip(met, forces[base:], strict=True) if force and pair not in self._columns]
+        if new:
+            for pair in new:
+                self._columns[pair] = base + len(self._columns)
+            ends = np.array(new)[:, :2]
+            self._fixed["i"], self._fixed["j"] = (np.append(self._fixed[one], ends[:, at]) for at, one in enumerate("ij"))
+            middles = np.mean(self._fixed["sites"][ends], axis=1)
+            self._fixed["middles"] = np.concatenate([self._fixed["middles"], middles])
+        whole: dict[str, Any] = dict(frame)
+        for name, values in (("forces", forces), ("shears", shears)):
+            whole[name] = np.zeros(base + len(self._columns))
+            whole[name][:base] = values[:base]
+            for pair, value in zip(met, values[base:], strict=True):
+                if pair in self._columns:
+                    whole[name][self._columns[pair]] = value
+        self._count, self.last_time = self._count + 1, float(frame["times"])
+        if self._path is None:
+            self._frames.append(whole)
+            return
+        if self._file is None:
+            self._open([whole])
+        elif new:  # columns are of a fixed number in a file
+            self._file.close()
+            before = read_records(self._path, _ABOUT)
+            self._open(
+                [{name: values[at] for name, values in before.items() if name in whole} for at in range(self._count - 1)]
+                + [whole]
+            )
+        else:
+            self._file.append(whole)
+
+    def _open(self, frames: Sequence[Mapping[str, Any]]) -> None:
+        """Write a file anew, with some frames, in place of one that may be there."""
+        names = {"n": "ball", "c": "contact", "3": "axis"}
+        layouts = {
+            name: tuple(names[one] for one in layout.split() if one != "f") for name, layout in Motion._shapes.items()
+        }
+        fixed = {name: (np.asarray(array), layouts[name]) for name, array in self._fixed.items()}
+        fixed["duration_of_step"] = (np.array(self._step), ())
+        last = frames[-1]
+        growing = {name: (np.shape(last[name]), layouts[name]) for name in layouts if name in last}
+        beside = f"{os.fspath(self._path)}.new"
+        file = RecordFile(beside, fixed, growing, Motion.units, _ABOUT)
+        for frame in frames:
+            file.append({name: _pad(frame[name], np.shape(last[name])) for name in growing})
+        os.replace(beside, self._path)
+        self._file = file
+
+    def join(self) -> Motion:
+        """Return all frames."""
+        if self._path is not None:
+            return Motion.read(self._path)
+        last = self._frames[-1]
+        stacked: dict[str, Any] = {
+            name: np.array([_pad(one[name], np.shape(last[name])) for one in self._frames]) for name in last
+        }
+        return Motion(**stacked, **self._fixed, step=self._step)
+
+
+def _pad(values: Any, shape: tuple[int, ...]) -> Array:
+    """Return an array with zeros for what is missing at its end."""
+    if np.shape(values) == shape:
+        return np.asarray(values, float)
+    out = np.zeros(shape)
+    out[tuple(slice(size) for size in np.shape(values))] = values
+    return out
