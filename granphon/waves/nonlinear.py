@@ -50,6 +50,8 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 #: steps in the shortest period that the contacts could have, by default; and the least number with which steps are stable
 _STEPS, _LEAST_STEPS = 60.0, 4.0
+#: how often a step that is too long is halved
+_HALVINGS = 10
 #: most steps of a run
 _MOST_STEPS = 10_000_000
 #: displacement, over the mean diameter, at which a ball has left its place among directions that do not turn
@@ -242,6 +244,7 @@ class NonlinearWaves:
         if step is not None and wanted * _LEAST_STEPS > _STEPS * system.choose_step(x, v):
             what = f"the step of {wanted:.3g} s is too long for the stiffest contact"
             raise InputError(what, "It would not be stable", "Leave step out")
+        least = wanted * 2.0**-_HALVINGS
         while True:
             each = max(1, math.ceil(length / (count - 1) / wanted))
             if each * (count - 1) > _MOST_STEPS:
@@ -259,7 +262,7 @@ class NonlinearWaves:
                     stopped = "Ctrl-C"
                 except _Stop as stop:
                     stopped = str(stop)
-            if stopped == _TOO_LONG and step is None:
+            if stopped == _TOO_LONG and step is None and wanted > least:
                 wanted *= 0.5
                 continue
             if stopped:

