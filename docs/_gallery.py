@@ -19,7 +19,7 @@ _ORDER = (
     "slowness_fcc", "rolling_modes", "zigzag_edge", "surface_waves_fcc", "transfer_function", "transmission",
     "pressure_sweep", "ladder", "work_precision", "force_chains", "conjecture",
     "true_directions", "hysteresis", "disorder_in_space", "fit_width", "several_runs", "spectral_function", "soft_modes",
-    "coherent_speckle", "wave_crossing", "hexagon_pulse", "solitary_wave", "impact_on_hexagon",
+    "coherent_speckle", "wave_crossing", "hexagon_pulse", "solitary_wave", "second_harmonic", "impact_on_hexagon",
     "random_packing",
 )  # fmt: skip
 _shown: WeakSet[Any] = WeakSet()

@@ -18,7 +18,7 @@ from granphon.figures.style import BLUE, PAGE_WIDTH, STYLE
 
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 packing = gp.Packing(steel, diameter=8e-3, lattice="chain", motions="longitudinal")
-chain = gp.AveragedLattice(packing).at_force(1e-6).network.repeat((60,)).cut(0, 1)
+chain = gp.AveragedLattice(packing).at_force(1e-6).network.cut(0, 60)
 waves = gp.NonlinearWaves(chain)
 
 
@@ -32,13 +32,12 @@ def hit(speed, duration, frames):
 speeds, forces = [], []
 for speed in (0.02, 0.1, 0.5, 2.0):
     motion = hit(speed, 1.5e-3 * speed**-0.2 * 0.7, 2001)
-    times = [motion.times[np.argmax(motion.forces[:, contact])] for contact in (20, 45)]
-    speeds.append(25 * 8e-3 / (times[1] - times[0]))
-    forces.append(motion.forces[:, 30].max())
+    speeds.append(motion.pulse_velocity(range(20, 46)))
+    forces.append(motion.peaks()[1][30])
 coefficient = float(chain.normal_force[0] / waves.overlap[0] ** 1.5)
 unit = 0.90553 * 8e-3 * coefficient ** (1 / 3) * chain.masses[0] ** -0.5
-print("velocity over the law:", np.round(np.array(speeds) / (unit * np.array(forces) ** (1 / 6)), 4))
-assert np.allclose(speeds, unit * np.array(forces) ** (1 / 6), rtol=2e-3)
+print("velocity over the law:", np.round(np.array(speeds) / (unit * np.array(forces) ** (1 / 6)), 5))
+assert np.allclose(speeds, unit * np.array(forces) ** (1 / 6), rtol=1e-4)
 
 with matplotlib.rc_context(STYLE):
     figure, (left, right) = plt.subplots(1, 2, figsize=(PAGE_WIDTH, 2.8), dpi=300, layout="constrained")

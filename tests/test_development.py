@@ -66,5 +66,33 @@ def test_the_versions_of_a_release_agree():
     assert re.fullmatch(r"unreleased|\d{4}-\d\d-\d\d", dated)
 
 
+def test_the_conda_recipe_says_what_the_project_says():
+    """Rendered as conda-build does it, with the data of files that its recipes may load."""
+    templates = pytest.importorskip("jinja2")
+    place = ROOT / ".ci" / "conda"
+
+    def load_data(name: str, *, from_recipe_dir: bool) -> dict[str, Any]:
+        assert from_recipe_dir
+        return tomllib.loads((place / name).read_text(encoding="utf-8"))
+
+    def load_regex(name: str, pattern: str, *, from_recipe_dir: bool) -> re.Match[str] | None:
+        assert from_recipe_dir
+        return re.search(pattern, (place / name).read_text(encoding="utf-8"))
+
+    template = templates.Environment(undefined=templates.StrictUndefined).from_string(read(".ci/conda/meta.yaml"))
+    recipe = yaml.safe_load(template.render(load_file_data=load_data, load_file_regex=load_regex, PYTHON="python"))
+    assert recipe["package"] == {"name": "granphon", "version": granphon.__version__}
+    run = [re.fullmatch(r"([a-z0-9-]+) >=([\d.]+)", one) for one in recipe["requirements"]["run"]]
+    assert all(run), recipe["requirements"]["run"]
+    needed = {one[1].removesuffix("-base"): one[2] for one in run if one}
+    wanted = dict(one.lower().split(">=") for one in PROJECT["dependencies"])
+    assert needed == wanted | {"python": PROJECT["requires-python"].removeprefix(">=")}
+    assert recipe["build"]["entry_points"] == ["granphon = granphon.__main__:main"]
+    assert recipe["about"]["license"] == PROJECT["license"]
+    assert all(list((place / recipe["source"]["path"]).glob(one)) for one in recipe["about"]["license_file"])
+    hatchling = next(one for one in recipe["requirements"]["host"] if one.startswith("hatchling"))
+    assert hatchling.replace(" ", "") in tomllib.loads(read("pyproject.toml"))["build-system"]["requires"]
+
+
 if __name__ == "__main__":
     print(lowest(), end="")

@@ -188,6 +188,11 @@ DENSITY = Quantity("density", "kg/m^3", "7840 kg/m^3", "kg/m^3, g/cm^3")
 WIDTH = Quantity("length", "m", "2.04 um", "m, mm, um, nm", "zero or above")
 FREQUENCY = Quantity("frequency", "Hz", "6.5 kHz", "Hz, kHz, MHz")
 TIME = Quantity("time", "s", "0.5 ms", "s, ms, us, minutes, hours")
+#: of a motion: a time since its start, a velocity, a force, and a displacement
+SINCE = replace(TIME, least="zero or above")
+VELOCITY = Quantity("velocity", "m/s", "0.3 m/s", "m/s, mm/s, um/s, km/h")
+PUSH = Quantity("force", "N", "2 N", "mN, N, kN", "any")
+WAY = Quantity("length", "m", "10 nm", "m, mm, um, nm", "any")
 _TENSILE = "tensile (one-sided contacts carry no tension)"
 #: the quantity of each kind of load on a layer; where balls differ an overlap may be negative, and the medium checks that
 LOADS: dict[str, Quantity] = {

@@ -104,8 +104,10 @@ class RecordFile:
         self.close()
 
 
-def read_records(path: str | os.PathLike[str], about: Mapping[str, str], frames: Any = slice(None)) -> dict[str, Array]:
-    """Return the arrays of a file of records, those that grow at the ``frames`` alone.
+def read_records(
+    path: str | os.PathLike[str], about: Mapping[str, str], frames: Any = slice(None)
+) -> tuple[dict[str, Array], dict[str, str]]:
+    """Return the arrays of a file of records, those that grow at the ``frames`` alone, and all that it says about itself.
 
     Raises :class:`~granphon.base.errors.InputError` for a file that is not there, that is no such file, or about which its
     texts say something else than ``about``.
@@ -118,11 +120,11 @@ def read_records(path: str | os.PathLike[str], about: Mapping[str, str], frames:
             found = {key: getattr(file, key, b"").decode() for key in about}
             if found != dict(about):
                 raise InputError(f"{name} is {found}, not {dict(about)}", mend="Give a file that this version has written")
-            out = {}
+            out: dict[str, Array] = {}
             for key, variable in file.variables.items():
                 values: Any = variable[frames if variable.dimensions[:1] == ("time",) else ()]
                 out[key] = np.array(values, float)
-            return out
+            return out, {key: value.decode() for key, value in file._attributes.items()}
     except FileNotFoundError:
         raise MissingFileError(f"there is no file {name}") from None
     except (OSError, TypeError, ValueError, KeyError, AttributeError, struct.error) as error:

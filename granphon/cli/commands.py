@@ -88,5 +88,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         if isinstance(error, _USAGE_ERROR):
             said = error.format_message().rstrip(".")  # type: ignore[attr-defined]
             context = getattr(error, "ctx", None)
-            return fail(f"{said}. See '{context.command_path if context else 'granphon'} --help'.", 2)
+            return fail(
+                f"{said}{'' if said.endswith('?') else '.'} See '{context.command_path if context else 'granphon'} --help'.",
+                2,
+            )
         raise

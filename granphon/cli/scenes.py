@@ -45,7 +45,7 @@ def write_preset(
     if preset not in PRESETS:
         meant = closest(preset, PRESETS)
         raise InputError(
-            f"found the preset {preset!r}; allowed: {', '.join(PRESETS)}", mend=f"Did you mean {meant!r}" if meant else ""
+            f"found the preset {preset!r}; allowed: {', '.join(PRESETS)}", mend=f"Did you mean {meant!r}?" if meant else ""
         )
     require_name("PATH", path)
     texts = {name: file.write_preset(name) for name in PRESETS}
@@ -68,7 +68,7 @@ def check_scene(scene: SceneFile) -> None:
     """
     from granphon.observables.validity import validity
     from granphon.runs.tasks import label_warnings
-    from granphon.scene.run import expected_files, tell_undrawn
+    from granphon.scene.run import expected_files
     from granphon.scene.scene import Scene
 
     read = Scene.from_yaml(scene)
@@ -81,7 +81,6 @@ def check_scene(scene: SceneFile) -> None:
     read.to_yaml()  # raises now if a run could not write the scene
     rows += [("not checked yet", left)] if left else []
     rows += [("will write", ", ".join(expected_files(read)))]
-    rows += [("will not draw", undrawn)] if (undrawn := tell_undrawn(read)) else []
     say(f"{scene} can be run.")
     say_table(rows)
     warn(warnings)
@@ -124,7 +123,7 @@ def run_scene(
     """
     from granphon.base.progress import on_stderr
     from granphon.runs.workers import open_executor, require_workers
-    from granphon.scene.run import WORK_FILE, is_complete, tell_undrawn
+    from granphon.scene.run import WORK_FILE, is_complete
     from granphon.scene.scene import Scene
 
     def left() -> str:
@@ -150,8 +149,7 @@ def run_scene(
             result = read.run(out, force, on_stderr(quiet), figures, resume, executor)
         warn(result.warnings)
         if not quiet:
-            undrawn = tell_undrawn(read) if figures else ""
-            say_table(describe_result(result) + [("not drawn", undrawn)] * bool(undrawn))
+            say_table(describe_result(result))
             say(f"Wrote {', '.join(path.name for path in result.files)} into {out}")
 
 

@@ -61,8 +61,9 @@ def fit_measurements(
 
     Each column of the table has a name and a unit. The load is 'force (N)', 'pressure (N/m)' (in space 'pressure (kPa)') or
     'side_force (N)' (the scene then gives balls_per_side). The velocity is 'velocity (m/s)', or 'time (ms)' and
-    'distance (m)'. If known, there are also 'sigma (m/s)' or 'sigma (%)', 'time_sigma (us)', and 'frequency (kHz)'.
-    Velocities with a frequency are those of pulses. The folder gets fit.yaml, fit.csv and fit.png.
+    'distance (m)', or 'cutoff (kHz)', the highest frequency of the branch. If known, there are also 'sigma (m/s)' or
+    'sigma (%)', 'time_sigma (us)' or 'cutoff_sigma (Hz)', and 'frequency (kHz)'. Velocities with a frequency are those of
+    pulses. The folder gets fit.yaml, fit.csv and fit.png.
 
     \b
     Examples:
@@ -77,7 +78,7 @@ def fit_measurements(
     from granphon.base.quantities import FREQUENCY, LENGTH
     from granphon.base.staging import ResultFiles
     from granphon.base.validation import require
-    from granphon.fits.fit import FIT_FILES, convert_pressure, fit_width
+    from granphon.fits.fit import FIT_FILES, convert_cutoff, convert_pressure, fit_width
     from granphon.fits.measurements import Measurements, read_sigma
     from granphon.scene.scene import Scene
 
@@ -114,6 +115,7 @@ def fit_measurements(
         None if balls is None else partial(force_of_frame, balls_per_side=balls),
         partial(convert_pressure, packing, read.finite_overlap, medium, given),
         packing.structure.periods,
+        partial(convert_cutoff, packing, branch, along, read.finite_overlap, given),
     )
     found = fit_width(
         packing, measured.force, measured.velocity,

@@ -18,6 +18,7 @@ row of C(q) is a cosine and a sine of half that angle: :class:`WaveRows`.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -127,6 +128,11 @@ def carry_rows(
     along, unit = _make_row("elongation", 1.0, list(n.T), none, one_j, one_i, motions), np.ones(len(n))
     # v x T is along n
     return [(along, push(across)), (turn(n, arm_j, arm_i), push(-beside)), (turn(0.5 * beside, unit, unit), along)]
+
+
+def weigh_rows(rows: Sequence[Row], weights: NDArray[Any]) -> NDArray[Any]:
+    """Return (kinds, ..., n_c) weights of rows, given those (2, ..., n_c) of elongation, and of all other deformations."""
+    return weights[[int(row.kind != "elongation") for row in rows]]
 
 
 def strain_rows(row: Row, vector: Array, motions: Motions) -> Array:

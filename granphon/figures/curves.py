@@ -360,6 +360,13 @@ def list_parameters(dataset: Dataset) -> list[str]:
     return [str(name) for name in (*dataset["valid"].dims, *along) if name not in ("load", "medium")]
 
 
+def choose_parameter(dataset: Dataset) -> str | None:
+    """Return the parameter in numbers that has the most values, where there is one load; None where curves are over it."""
+    sizes = {name: dataset.sizes[name] for name in list_parameters(dataset) if dataset[name].dtype.kind in "fiu"}
+    most = max(sizes, key=lambda name: sizes[name], default=None)
+    return most if dataset.sizes["load"] == 1 and most is not None and sizes[most] > 1 else None
+
+
 def turn_over(dataset: Dataset, x: str | None) -> Dataset:
     """Return the data set with the parameter ``x`` in the place of the load, if it is one in numbers: curves lie over it."""
     if x not in list_parameters(dataset) or dataset[x].dtype.kind not in "fiu":
@@ -443,11 +450,15 @@ def plot_sweep(
 ) -> Axes:
     """Draw a variable of a sweep, one line for each medium and combination of parameters, in order of ``x``.
 
+    Media have colours, or of one medium the values of the first of several parameters; the combinations of the others are
+    shades of them.
+
     Parameters
     ----------
     dataset : a data set made by :func:`granphon.sweep`.
     variable, x : names of variables or coordinates over load; ``x`` is by default the load that was given, a force, a
-        pressure or an overlap; or a parameter in numbers, such as A.diameter, with a line for each load.
+        pressure or an overlap; or a parameter in numbers, such as A.diameter, with a line for each load. Where there is one
+        load alone it is the parameter in numbers that has the most values.
     legend : whether to draw a legend; it names no more than eight combinations, and says of how many.
 
     Axes are logarithmic where all values are above zero. Lines are solid where the medium is valid, thin and dashed
@@ -470,14 +481,19 @@ def plot_sweep(
 def _draw_sweep(dataset: Dataset, ax: Axes, variable: str, x: str | None) -> tuple[list[Curve], list[Line2D]]:
     """Draw what :func:`plot_sweep` draws, and return its curves and the entries of its legend.
 
-    These are the media, combinations of parameters, grey if there are several media, and what holds for all curves.
+    These are the colours, combinations of parameters, grey if there are several colours, and what holds for all curves.
     """
+    x = x or choose_parameter(dataset)
     dataset = turn_over(dataset, x)
     x, colours = x or find_load(dataset), itertools.cycle(COLOURS)
     read_values(dataset, variable)
-    lines = sorted(describe_lines(dataset, variable), key=lambda line: line[1]["medium"])
+    # of one medium the first of several parameters has the colours, if these suffice
+    sizes = {name: dataset.sizes[name] for name in list_parameters(dataset) if dataset.sizes[name] > 1}
+    first = next((name for name, size in sizes.items() if size <= len(COLOURS)), "medium") if len(sizes) > 1 else "medium"
+    first = "medium" if dataset.sizes["medium"] > 1 else first
+    lines = sorted(describe_lines(dataset, variable), key=lambda line: line[1].get(first, 0))
     curves = [read_curve(dataset, variable, x, index, facts=facts) for facts, index in lines]
-    count = len(lines) // dataset.sizes["medium"]
+    count = len(lines) // len({index.get(first, 0) for _, index in lines})
     groups = [curves[n : n + count] for n in range(0, len(curves), count)]
     media = [(Look(colour, 1.5), group) for colour, group in zip(colours, groups, strict=False)]
     shades = [shade for look, _ in media for shade in _make_shades(look.colour, count)]
@@ -489,7 +505,9 @@ def _draw_sweep(dataset: Dataset, ax: Axes, variable: str, x: str | None) -> tup
     several, handles = len(media) > 1, list[Line2D]()
     if several or count == 1:
         named = zip(media, simulated, strict=True)
-        handles = [_make_handle(look, group[0].facts["medium"], points) for (look, group), points in named]
+        own = ["medium"] if first == "medium" else find_differing([group[0].facts for group in groups])[0]
+        told = [", ".join(group[0].facts[kind] for kind in own) for group in groups]
+        handles = [_make_handle(look, words, points) for ((look, _), points), words in zip(named, told, strict=True)]
     if count > 1:
         kinds, _ = find_differing([curve.facts for curve in groups[0]])
         grey, chosen = _make_shades("0.5" if several else COLOURS[0], count), pick_evenly(count, _MOST_NAMED)
@@ -532,7 +550,7 @@ def _write_beside(ax: Axes, text: str, value: float, **options: Any) -> None:
 def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None = None) -> Figure:
     """Draw a figure with velocities of a sweep above, their local exponent below, on one axis of ``x``; one column wide.
 
-    ``x`` is by default the load that was given, a force, a pressure or an overlap.
+    ``x`` is that of :func:`plot_sweep`.
 
     Velocities that are zero, of waves across a chain, are left out. A sweep without others, as of a mechanism, has the
     normal stiffness in their place. For a sweep without exponents (finite overlap), or for one ``variable``, there is the
@@ -816,7 +834,7 @@ def choose_axes(runs: Sequence[Run], x: str | None, y: str | None) -> tuple[str,
             meant = closest(load, _LOADS)
             data = runs[0].dataset
             own = [] if data is None else [one for one in list_parameters(data) if data[one].dtype.kind in "fiu"]
-            mend = f"Did you mean {meant}" if meant else "Use " + ", ".join((*_LOADS, *own))
+            mend = f"Did you mean {meant}?" if meant else "Use " + ", ".join((*_LOADS, *own))
             raise InputError(f"{x!r} is no load", mend=mend)
         if without := [run for run in runs if load not in run.quantities]:
             what = f"{_list(without)} {'has' if len(without) == 1 else 'have'} no {load}"
@@ -834,7 +852,7 @@ def choose_axes(runs: Sequence[Run], x: str | None, y: str | None) -> tuple[str,
     name = y.strip().lower().replace(" ", "_")
     if without := [run for run in runs if name not in run.quantities]:
         if name not in CATALOGUE and (meant := closest(name, common)):
-            raise InputError(f"there is no variable {y!r}", mend=f"Did you mean {meant}")
+            raise InputError(f"there is no variable {y!r}", mend=f"Did you mean {meant}?")
         what = f"{_list(without)} {'holds' if len(without) == 1 else 'hold'} no {name}"
         why = f"All runs hold {', '.join(common)}" if common else "No quantity is in all runs"
         raise InputError(what, why, "Draw another quantity, or leave these runs out")

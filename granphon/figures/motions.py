@@ -1,38 +1,188 @@
-"""The figure of balls in motion: forces of contacts, or velocities of balls, over place and time."""
+"""Figures of balls in motion: maps over place and time, balls at one time, energies, spectra of balls, harmonics."""
 
 from __future__ import annotations
 
 from typing import Literal
 
-from granphon.figures.scales import add_bar
+from granphon.figures.scales import MOTION, add_bar, styled_figure
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import TwoSlopeNorm
+from matplotlib.collections import EllipseCollection
+from matplotlib.colors import Normalize, TwoSlopeNorm
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from granphon.base.errors import InputError, brief
-from granphon.base.scales import prefixed
+from granphon.base.scales import HertzPrefix, prefixed
+from granphon.figures.style import BLUE, COLOURS, FRAME, PAGE_WIDTH, pick_evenly, print_hertz
+from granphon.networks.network import ContactNetwork
 from granphon.waves.motion import Motion
 
+Array = NDArray[np.float64]
+Show = Literal["velocities", "forces"]
+#: energies of a motion, with their names
+_ENERGIES = {"translation": "translation", "rotation": "rotation", "stored": "contacts", "lost": "lost"}
+#: part of a radius by which places of one layer may differ
+_LEVEL = 0.1
+#: snapshots of a figure
+_SHOTS = 3
+#: part of the greatest speed of all balls and times that the darkest colour of a snapshot stands for
+_DARKEST = 0.5
+#: part of the greatest amplitude of a spectrum at which its axis ends
+_LEAST = 1e-6
+#: number of radii whose length has the unit of places
+_FEW = 20.0
 
-def plot_motion(motion: Motion, ax: Axes, *, show: Literal["velocities", "forces"] = "velocities", axis: int = 0) -> Axes:
-    """Draw a map over time: of each ball its velocity along ``axis``, or of each contact the change of its force.
 
-    Balls, or contacts, are in the order of the network: along a chain, from left to right.
+def plot_motion(motion: Motion, ax: Axes, *, show: Show = "velocities", axis: int | None = None) -> Axes:
+    """Draw a map over place and time: of balls their velocity along an axis, or of contacts the change of their force.
+
+    Places are along ``axis``, 0 to 2, by default the first along which the array does not repeat; they are means over the
+    balls, or contacts, of a layer.
     """
-    if show not in ("velocities", "forces") or axis not in (0, 1, 2):
+    network = motion.network
+    if show not in ("velocities", "forces") or axis not in (None, 0, 1, 2):
         raise InputError(f"show is {brief(show)}, axis {brief(axis)}", mend="Give velocities or forces, 0, 1 or 2")
-    values, what = motion.velocities[:, :, axis], f"Velocity along {'xyz'[axis]}"
-    scale, unit = prefixed(max(float(np.abs(values).max()), 1e-300), "m/s")
+    along = int(np.argmin(network.pbc)) % network.dimension if axis is None else axis
+    places, unit = network.positions[:, along], "m/s"
+    values, what = motion.velocities[:, :, along], f"Velocity along {'xyz'[along]}"
     if show == "forces":
+        places, unit = motion.middles[:, along], "N"
         values, what = motion.forces - motion.forces[0], "Change of force"
-        scale, unit = prefixed(max(float(np.abs(values).max()), 1e-300), "N")
-    factor, seconds = prefixed(float(motion.times[-1]), "s")
-    most = max(float(np.abs(values).max()), 1e-300) / scale
-    drawn = ax.pcolormesh(
-        np.arange(values.shape[1]), motion.times / factor, values / scale, cmap="RdBu_r", shading="nearest", rasterized=True,
-        norm=TwoSlopeNorm(0.0, -most, most),
+    else:
+        balls = np.isfinite(network.radii)
+        places, values = places[balls], values[:, balls]
+    order = np.argsort(places, kind="stable")
+    radius = float(np.mean(network.radii[np.isfinite(network.radii)]))
+    starts = np.flatnonzero(np.diff(places[order], prepend=-np.inf) > _LEVEL * radius)
+    if len(starts) < 3 or 2 * len(starts) < np.ptp(places) / radius - 2.0:  # no layers: slices a radius wide
+        whole = np.floor((places[order] - places[order[0]]) / radius)
+        starts = np.flatnonzero(np.diff(whole, prepend=-1.0) > 0.0)
+    counts = np.diff(starts, append=len(order))
+    means = np.add.reduceat(values[:, order], starts, axis=1) / counts
+    at = np.add.reduceat(places[order], starts) / counts
+    most = max(float(np.abs(means).max()), 1e-300)
+    (scale, unit), (seconds, time), (metre, length) = (
+        prefixed(most, unit), prefixed(float(motion.times[-1]), "s"), prefixed(_FEW * radius, "m")
     )  # fmt: skip
-    ax.set(xlabel="Contact" if show == "forces" else "Ball", ylabel=f"Time ({seconds})")
-    add_bar(ax, drawn, f"{what} ({unit})")
+    drawn = ax.pcolormesh(
+        (at - at[0]) / metre, motion.times / seconds, means / scale, cmap=MOTION, shading="nearest", rasterized=True,
+        norm=TwoSlopeNorm(0.0, -most / scale, most / scale), gid="motion",
+    )  # fmt: skip
+    ax.set(xlabel=f"{'xyz'[along]} ({_write(length)})", ylabel=f"Time ({_write(time)})")
+    add_bar(ax, drawn, f"{what} ({_write(unit)})")
     return ax
+
+
+def plot_energies(motion: Motion, ax: Axes) -> Axes:
+    """Draw kinetic energies of translation and rotation, the energy of contacts, and what is lost, over time."""
+    scale, unit = prefixed(max(float((motion.energy + motion.lost).max()), 1e-300), "J")
+    seconds, time = prefixed(float(motion.times[-1]), "s")
+    for (name, label), colour in zip(_ENERGIES.items(), COLOURS, strict=False):
+        values = getattr(motion, name)
+        if name in ("translation", "stored") or np.any(values > 1e-9 * scale):
+            ax.plot(motion.times / seconds, values / scale, color=colour if name != "lost" else "0.4", label=label)
+    ax.set(xlabel=f"Time ({_write(time)})", ylabel=f"Energy ({_write(unit)})", ylim=(0.0, None), xlim=(0.0, None))
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, borderaxespad=0.2)
+    return ax
+
+
+def plot_snapshot(motion: Motion, ax: Axes, frame: int = -1, *, most: float | None = None) -> Axes:
+    """Draw the balls at one of the frames, coloured by their speed; those of an array in space that are seen along z.
+
+    ``most`` is the speed, m/s, of the darkest colour; by default the greatest of this frame.
+    """
+    if not -len(motion.times) <= frame < len(motion.times):
+        raise InputError(f"the motion has no frame {frame}", mend=f"Give 0 to {len(motion.times) - 1}")
+    speeds = np.linalg.norm(motion.velocities[frame], axis=1)
+    most = max(float(speeds.max()) if most is None else most, 1e-300)
+    scale, unit = prefixed(most, "m/s")
+    drawn = draw_balls(motion.network, speeds / scale, ax, "magma_r", Normalize(0.0, most / scale))
+    add_bar(ax, drawn, f"Speed ({_write(unit)})")
+    seconds, time = prefixed(float(motion.times[-1]), "s")
+    ax.set_title(f"{motion.times[frame] / seconds:.3g} {_write(time)}")
+    return ax
+
+
+def draw_balls(network: ContactNetwork, values: Array, ax: Axes, colours: object, norm: Normalize) -> EllipseCollection:
+    """Draw the balls of a network, seen along z, each in the colour of its value (n,); axes are in mm."""
+    shown = np.flatnonzero(np.isfinite(network.radii))
+    if network.dimension == 3:  # the nearest come last
+        shown = shown[np.argsort(network.positions[shown, 2], kind="stable")]
+    sizes, places = 2e3 * network.radii[shown], 1e3 * network.positions[shown, :2]
+    if network.pbc[0] and not np.any(network.cell[0, 1:]):  # an oblique cell is drawn as a rectangle
+        places[:, 0] = np.mod(places[:, 0], 1e3 * network.cell[0, 0])
+    balls = EllipseCollection(
+        sizes, sizes, 0.0 * sizes, units="xy", offsets=places, offset_transform=ax.transData, array=values[shown],
+        cmap=colours, norm=norm, gid="balls", edgecolors=FRAME, linewidths=0.15,
+    )  # fmt: skip
+    ax.add_collection(balls, autolim=False)
+    low, high = places.min(axis=0) - 0.6 * sizes.max(), places.max(axis=0) + 0.6 * sizes.max()
+    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel="x (mm)", ylabel="y (mm)")
+    return balls
+
+
+def plot_ball_spectrum(motion: Motion, ax: Axes, ball: int, *, axis: int = 0) -> Axes:
+    """Draw the amplitudes of the motion of a ball along an axis over frequency, on a logarithmic scale."""
+    frequencies, amplitudes = motion.spectrum(ball, axis)
+    most = max(float(amplitudes.max()), 1e-300)
+    top = float(frequencies[amplitudes > _LEAST * most][-1])
+    prefix, (scale, unit) = HertzPrefix.for_top(top), prefixed(most, "m")
+    ax.plot(frequencies / prefix.hertz, np.maximum(amplitudes, 1e-3 * _LEAST * most) / scale, color=BLUE, linewidth=0.9)
+    ax.set(xlabel=f"Frequency ({print_hertz(prefix)})", ylabel=f"Displacement of ball {ball} ({_write(unit)})", yscale="log")
+    ax.set(xlim=(0.0, top / prefix.hertz), ylim=(_LEAST * most / scale, 3.0 * most / scale))
+    return ax
+
+
+def plot_harmonics(motion: Motion, ax: Axes, frequency: float, *, count: int = 3, axis: int = 0, periods: int = 10) -> Axes:
+    """Draw the amplitudes of the motion at multiples of the ``frequency`` of a drive, over the place along an axis.
+
+    Options are those of :meth:`granphon.Motion.harmonics`.
+    """
+    amplitudes, places = np.abs(motion.harmonics(frequency, count, axis, periods)), motion.network.positions[:, axis]
+    metre, length = prefixed(_FEW * float(np.median(motion.network.radii)), "m")
+    scale, unit = prefixed(float(amplitudes.max()), "m")
+    order = np.argsort(places, kind="stable")
+    for number, (values, colour) in enumerate(zip(amplitudes, COLOURS, strict=False), 1):
+        label = f"{number} f" if number > 1 else "f"
+        ax.plot(
+            (places - places.min())[order] / metre, values[order] / scale, ".-", color=colour, ms=2.5, lw=0.7, label=label
+        )
+    ax.set(
+        xlabel=f"{'xyz'[axis]} ({_write(length)})", ylabel=f"Displacement ({_write(unit)})", yscale="log", xlim=(0.0, None)
+    )
+    ax.legend(ncols=3)
+    return ax
+
+
+def motion_figure(motion: Motion, *, show: Show | None = None, axis: int | None = None) -> Figure:
+    """Draw a figure across the page: the motion, and its energies over time.
+
+    Of a chain, and with ``show``, the motion is a map over place and time, see :func:`plot_motion`; of other arrays it is
+    the balls at three times.
+    """
+    if motion.network.dimension == 1 or show is not None:
+        with styled_figure(2.7, PAGE_WIDTH) as figure:
+            left, right = figure.subplots(1, 2, width_ratios=[1.35, 1.0])
+            plot_motion(motion, left, show=show or "velocities", axis=axis)
+            plot_energies(motion, right)
+        return figure
+    speeds = np.linalg.norm(motion.velocities, axis=2).max(axis=1)
+    frames = pick_evenly(len(motion.times), _SHOTS + 1)[1:]
+    most = max(_DARKEST * float(speeds[frames].max()), 1e-300)
+    with styled_figure(2.3, PAGE_WIDTH) as figure:
+        *shots, last = figure.subplots(1, len(frames) + 1, width_ratios=[1.0] * len(frames) + [1.25])
+        scale, unit = prefixed(most, "m/s")
+        for ax, frame in zip(shots, frames, strict=True):
+            balls = np.linalg.norm(motion.velocities[frame], axis=1) / scale
+            drawn = draw_balls(motion.network, balls, ax, "magma_r", Normalize(0.0, most / scale))
+            seconds, time = prefixed(float(motion.times[-1]), "s")
+            ax.set(title=f"{motion.times[frame] / seconds:.3g} {_write(time)}", ylabel="y (mm)" if ax is shots[0] else "")
+        figure.colorbar(drawn, ax=shots, location="bottom", aspect=50, extend="max", label=f"Speed ({_write(unit)})")
+        plot_energies(motion, last)
+    return figure
+
+
+def _write(unit: str) -> str:
+    return unit.replace("u", "µ")

@@ -12,7 +12,6 @@ import matplotlib
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.collections import EllipseCollection
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -22,6 +21,7 @@ from granphon.base.errors import InputError
 from granphon.base.scales import HertzPrefix
 from granphon.figures.bands import name_corners
 from granphon.figures.curves import describe_lines, find_load
+from granphon.figures.motions import draw_balls
 from granphon.figures.style import (
     BLUE,
     COLOURS,
@@ -281,7 +281,7 @@ def sweep_dos_figure(dataset: Dataset) -> Figure:
     drawn, evenly taken, and the legend says of how many. Raises :class:`~granphon.base.errors.InputError` if the sweep has
     no densities of states.
     """
-    states, handles = _choose_states(dataset, "dos_total", "densities of states")
+    states, handles = choose_states(dataset, "dos_total", "densities of states of arrays")
     with styled_figure(2.8) as figure:
         names = ("dos_frequency", "dos_total", "dos_error")
         draw_densities(figure.subplots(), ((colour, "", *(take(name) for name in names)) for colour, take in states))
@@ -297,7 +297,7 @@ def sweep_spectra_figure(dataset: Dataset) -> Figure:
     both logarithmic, with bars of its standard error. Raises :class:`~granphon.base.errors.InputError` if the sweep has no
     spectra.
     """
-    states, handles = _choose_states(dataset, "line_frequency", "spectra")
+    states, handles = choose_states(dataset, "line_frequency", "spectra of arrays")
     count, unit = dataset.sizes["polarisation"], HertzPrefix.for_top(float(np.nanmax(dataset["line_frequency"].values)))
     with styled_figure(0.4 + 4.2 * count) as figure:
         panels = figure.subplots(2 * count, 1, squeeze=False, height_ratios=[1.2, 1.0] * count)[:, 0]
@@ -334,13 +334,13 @@ def sweep_spectra_figure(dataset: Dataset) -> Figure:
     return figure
 
 
-def _choose_states(dataset: Dataset, name: str, what: str) -> tuple[list[tuple[Any, Callable[..., Array]]], list[Line2D]]:
+def choose_states(dataset: Dataset, name: str, what: str) -> tuple[list[tuple[Any, Callable[..., Array]]], list[Line2D]]:
     """Return the states that are drawn, in order of load, and their legend; InputError if the sweep has no ``name``.
 
     Of each they are its colour, and what returns the values of a variable there, of a polarisation if it has several.
     """
     if name not in dataset:
-        raise InputError(f"the sweep has no {what} of arrays", mend="Draw another figure")
+        raise InputError(f"the sweep has no {what}", mend="Draw another figure")
     load = find_load(dataset)
     values, unit, lines, found = (
         dataset[load].values,
@@ -425,17 +425,7 @@ def plot_frame(network: ContactNetwork, pulse: Pulse, frame: int, ax: Axes, most
         raise InputError(what, mend="Give transmit the times of frames")
     along = pulse.velocities[frame] @ pulse.polarisation
     limit = float(np.max(np.abs(along))) if most is None else most
-    there = np.isfinite(network.radii)
-    sizes, places = 2e3 * network.radii[there], 1e3 * network.positions[there, :2]
-    if network.pbc[0] and not np.any(network.cell[0, 1:]):  # an oblique cell is drawn as a rectangle
-        places[:, 0] = np.mod(places[:, 0], 1e3 * network.cell[0, 0])
-    balls = EllipseCollection(
-        sizes, sizes, 0.0 * sizes, units="xy", offsets=places, offset_transform=ax.transData, array=along[there],
-        cmap=MOTION, norm=Normalize(-limit, limit), gid="balls",
-    )  # fmt: skip
-    ax.add_collection(balls, autolim=False)
-    low, high = places.min(axis=0) - sizes.max(), places.max(axis=0) + sizes.max()
-    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel="x (mm)", ylabel="y (mm)")
+    draw_balls(network, along, ax, MOTION, Normalize(-limit, limit))
     ax.set_title(f"{1e3 * pulse.frames[frame]:.3f} ms")
     return ax
 

@@ -568,11 +568,11 @@ def fit_width(
 
     Returns
     -------
-    :class:`WidthFit`. Standard errors are those of linear theory, from the given sigma or from the scatter. If from the
-    scatter, a parameter's error over its standard error follows Student's distribution with ``dof`` degrees of freedom.
-    The ``warnings`` say why a fit is not to be trusted: ``p`` below 0.001 or above 0.999, no degrees of freedom, a scatter
-    below the rounding of the data, data above the velocity of equal balls, one datum that decides the fit alone
-    (leverage above 0.9) or lies far off, a standard error above half the value.
+    :class:`WidthFit`. Standard errors follow from linear theory, with the given sigma or the scatter. If from the scatter, a
+    parameter's error over its standard error follows Student's distribution with ``dof`` degrees of freedom. The
+    ``warnings`` say why a fit is not to be trusted: ``p`` below 0.001 or above 0.999, no degrees of freedom, a scatter below
+    the rounding of the data, data above the velocity of equal balls, one datum that decides the fit alone (leverage above
+    0.9) or lies far off, a standard error above half the value.
 
     Raises
     ------
@@ -583,14 +583,12 @@ def fit_width(
         for balls that differ; samples of so few balls that the parameters of round after round differ.
     """
     data = Measurements(real_array("force", force), real_array("velocity", velocity), sigma, frequency)
-    periods = packing.structure.periods
-    along = np.eye(periods)[-1] if direction is None else direction
     names = texts("parameters", parameters)
     choice = MediumChoice.parse(medium, packing.structure)
     if "width" not in names and not packing.width:
         choice = MediumChoice("ala")
     asked = require("finite_overlap", truth, finite_overlap)
-    waves = Waves(branch, one_direction(along, periods), data.frequency, choice.has_finite_overlap(asked))
+    waves = Waves(branch, _along(packing, direction), data.frequency, choice.has_finite_overlap(asked))
     choice.require_fixed("a fit")
     problem = FitProblem.of(VelocityModel(packing, names, choice, data.force, waves), data)
     problem, logs = find_best(problem)
@@ -645,8 +643,9 @@ def convert_pressure(
 ) -> float:
     """Return the contact force, N, under a pressure (N on a line, N/m in the plane, Pa in space).
 
-    With finite overlap, which the exact geometry of a simulation has too, it is that in the ``medium`` at the packing's own
-    width; for a simulation in the effective medium, whose overlaps differ from those of samples by less than W/100.
+    With finite overlap, also in the exact geometry of a simulation, the force follows from the ``medium`` at the packing's
+    own width. A simulation is replaced by the effective medium, whose overlaps differ from the overlaps of samples by less
+    than W/100.
 
     Raises :class:`~granphon.base.errors.InputError` if the diameter is among the parameters to be ``fitted``, as the force
     is proportional to it.
@@ -659,3 +658,35 @@ def convert_pressure(
     if not finite:  # in the paper's limit the medium does not matter
         choice = MediumChoice("ala")
     return float(choice.stand_in.of(packing).at_pressure(pressure, finite_overlap=finite).force)
+
+
+def convert_cutoff(
+    packing: Packing,
+    branch: str,
+    direction: ArrayLike | None,
+    finite_overlap: bool,
+    fitted: Sequence[str],
+    force: Array,
+    cutoff: Array,
+) -> Array:
+    """Return the velocities of long waves, (n,), m/s, at contact forces, N, that belong to cut-off frequencies, Hz.
+
+    A cut-off is the highest frequency of the ``branch`` along the ``direction``, both as in :func:`fit_width`. The ratio of
+    velocity to cut-off is taken from the lattice of equal balls; it is the same in every medium but a simulation.
+
+    Raises :class:`~granphon.base.errors.InputError` if the diameter is among the parameters to be ``fitted``, to which the
+    ratio is proportional, or if the lattice has no such branch.
+    """
+    if "diameter" in fitted:
+        why = "The velocity at a cut-off frequency is proportional to the diameter"
+        raise InputError("the diameter is fitted, and cut-off frequencies are given", why, "Give velocities")
+    waves = Waves(branch, _along(packing, direction), None, finite_overlap)
+    equal = VelocityModel(packing, ("young_modulus",), MediumChoice("ala"), force, waves)
+    own = equal.find_start(packing.width)
+    return np.asarray(cutoff * equal(own)[0] / equal.find_tops(own))
+
+
+def _along(packing: Packing, direction: ArrayLike | None) -> Array:
+    """Return the unit vector (p,) of the direction of sound, by default the lattice's last axis."""
+    periods = packing.structure.periods
+    return one_direction(np.eye(periods)[-1] if direction is None else direction, periods)

@@ -28,7 +28,8 @@ _SIGMA = Quantity("velocity", "m/s", "5 m/s", "m/s, km/s, mm/us, %")
 #: columns that a table of measurements may have, and their quantities
 COLUMNS: Mapping[str, Quantity] = {
     "force": LOADS["force"], "side_force": LOADS["side_force"], "pressure": LOADS["pressure"], "velocity": SPEED,
-    "time": TIME, "distance": LENGTH, "sigma": _SIGMA, "time_sigma": TIME, "frequency": FREQUENCY,
+    "time": TIME, "distance": LENGTH, "cutoff": FREQUENCY, "sigma": _SIGMA, "time_sigma": TIME, "cutoff_sigma": FREQUENCY,
+    "frequency": FREQUENCY,
 }  # fmt: skip
 
 
@@ -95,19 +96,21 @@ class Measurements(Result):
         frame: Callable[[float], float] | None = None,
         pressed: Callable[[float], float] | None = None,
         periods: int = 2,
+        carried: Callable[[Array, Array], Array] | None = None,
     ) -> Self:
         """Read a table, whose columns have their units in their headings, such as ``force (N)``.
 
         Parameters
         ----------
-        path : a file with columns among :data:`COLUMNS`: force, side_force or pressure; velocity, or time and distance;
-            and, where known, sigma of the velocity or time_sigma of the time, perhaps in per cent of it, and the frequency
-            of the pulse.
+        path : a file with columns among :data:`COLUMNS`: force, side_force or pressure; velocity, or time and distance, or
+            cutoff, the highest frequency of the branch; where known, sigma of the velocity, time_sigma or cutoff_sigma,
+            perhaps in per cent, and the frequency of the pulse.
         columns : headings of columns that go by other names, perhaps with a unit: {"velocity": "v (km/s)"}.
         distance : distance that sound travels in each of the times, m, where no column gives it.
         frame : converts a side force to the contact force, both in N.
         pressed : converts a pressure to the contact force, N.
         periods : number of periods of the lattice: a pressure is in N for 1, in N/m for 2, in Pa for 3.
+        carried : converts contact forces, N, and cut-off frequencies, Hz, to velocities of long waves, m/s, (n,).
 
         Raises
         ------
@@ -118,7 +121,7 @@ class Measurements(Result):
         for name in named:
             if name not in COLUMNS:
                 meant = closest(name, COLUMNS)
-                mend = f"Did you mean {meant}" if meant else "Use " + ", ".join(COLUMNS)
+                mend = f"Did you mean {meant}?" if meant else "Use " + ", ".join(COLUMNS)
                 raise InputError(f"{name!r} is not a kind of column of measurements", mend=mend)
 
         def choose(*kinds: str) -> str | None:
@@ -142,10 +145,19 @@ class Measurements(Result):
             why = "The contact forces depend on the packing too"
             mend = "Give pressed, a function that returns the contact forces"
             raise InputError(f"{path} gives pressures", why, mend)
-        timed, error, pulsed = choose("velocity", "time") == "time", choose("sigma", "time_sigma"), choose("frequency")
-        needed = ["time", *["distance"] * (distance is None)] if timed else ["velocity"]
-        if error == "time_sigma" and not timed:
-            needed.append("time")
+        measured = choose("velocity", "time", "cutoff") or "velocity"
+        timed, error, pulsed = measured == "time", choose("sigma", "time_sigma", "cutoff_sigma"), choose("frequency")
+        if measured == "cutoff" and (carried is None or pulsed):
+            why = "The velocities of long waves depend on the packing too"
+            mend = "Give carried, a function that returns the velocities"
+            if pulsed:
+                why, mend = "These are no pulses of a given frequency", "Leave the frequency out"
+            raise InputError(f"{path} gives cut-off frequencies", why, mend)
+        needed = [measured, *["distance"] * (timed and distance is None)]
+        # the error of a time or a cut-off is converted by it
+        behind = error.removesuffix("_sigma") if error and error != "sigma" else measured
+        if behind != measured:
+            needed.append(behind)
         needed += [kind for kind in (error, pulsed) if kind]
         heads = {kind: named.get(kind, kind) for kind in (load or "force", *needed)}
         # columns that the table lacks, and those without a unit: one error says all
@@ -159,7 +171,7 @@ class Measurements(Result):
             mend = (
                 f"Head the columns {wanted}, each with its unit in brackets;"
                 f" instead of a force there may be 'pressure ({quantities['pressure'].unit})' or 'side_force (N)',"
-                " instead of a velocity 'time (s)' and 'distance (m)'. For other names, granphon fit takes"
+                " instead of a velocity 'time (s)' and 'distance (m)', or 'cutoff (Hz)'. For other names, granphon fit takes"
                 f" --column '{first}=NAME ({unit})', Python columns={{'{first}': 'NAME ({unit})'}}"
             )
             why = f"Its columns are {', '.join(repr(str(heading)) for heading in table.headings)}"
@@ -173,8 +185,10 @@ class Measurements(Result):
             why = "A distance given beside the table is for times of flight only, and for all of them"
             mend = "Leave it out" if timed else "Leave it out, or name the column of times"
             raise InputError(f"{path} has a {told} column, and a distance is given too", why, mend)
-        if not timed:
+        if measured == "velocity":
             velocity = read("velocity")
+        elif carried is not None and not timed:
+            velocity = carried(force, read("cutoff"))
         else:
             velocity = (read("distance") if distance is None else positive("distance", distance, "m")) / read("time")
         sigma = None
@@ -183,7 +197,7 @@ class Measurements(Result):
             if PERCENT.measures(table.unit(head)):
                 sigma = velocity * (table.column(head, PERCENT, _tell_column(error)) / 100.0)
             else:
-                sigma = read("sigma") if error == "sigma" else velocity * read("time_sigma") / read("time")
+                sigma = read("sigma") if error == "sigma" else velocity * read(error) / read(behind)
         frequency = read("frequency") if pulsed else None
         try:
             return cls(force, velocity, sigma, frequency)

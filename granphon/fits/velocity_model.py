@@ -202,7 +202,7 @@ class VelocityModel:
         for name in self.names:
             if name not in VARIABLE:
                 meant = closest(str(name), VARIABLE)
-                mend = f"Did you mean {meant}" if meant else "Use " + ", ".join(VARIABLE)
+                mend = f"Did you mean {meant}?" if meant else "Use " + ", ".join(VARIABLE)
                 raise InputError(f"{name!r} cannot be fitted", mend=mend)
         if not self.names or len(set(self.names)) < len(self.names):
             what = f"the parameters are {self.names}"

@@ -56,10 +56,15 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 #: direction of the waves on a line, in the plane and in space, as files tell it
 _FIRST_AXES = ("(1)", "(1, 0)", "(1, 0, 0)")
-#: costs of the observables of the waves in simulated arrays, and at edges
-_OF_WAVES = ("pulse", "spectrum", "dos", "surface")
+#: costs of the observables of the waves in simulated arrays, at edges, and in networks
+_OF_WAVES = ("pulse", "spectrum", "dos", "surface", "network")
 #: attribute "format" of the netCDF file, by which a sweep is recognised
 FORMAT = "granphon sweep"
+#: dimensions of tables of waves besides those of states, by the name of the file
+_ROWS = {
+    "sweep_dos": ("node",), "sweep_spectra": ("polarisation", "wavevector"), "response": ("response_frequency", "receiver"),
+    "damped_bands": ("segment", "point", "branch"),
+}  # fmt: skip
 #: name of the attribute with the sha256 digest of the numbers
 DIGEST = "granphon_sha256"
 #: attributes in which other programs log what they did; the digest leaves them out, as they change no number
@@ -97,7 +102,7 @@ _ZERO_OR_ABOVE = {
 }  # fmt: skip
 _VELOCITIES = {"longitudinal", "transverse", "transverse_slow", "transverse_fast", "twist"}
 #: variables that are infinite for equal balls, or where no error is known
-_MAY_BE_INFINITE = {"reduced_force", "reduced_spacing", "expected_error", "mean_free_path"}
+_MAY_BE_INFINITE = {"reduced_force", "reduced_spacing", "expected_error", "mean_free_path", "damped_quality"}
 #: variables that are nan where a warning says that they are not known
 _MAY_BE_UNKNOWN = {name for name, one in CATALOGUE.items() if one.cost in _OF_WAVES}
 #: standard errors, nan where they are not known
@@ -223,8 +228,10 @@ def make_frame(grid: Grid) -> Dataset:
             labels = np.array(join_labels(waves.path, waves.labels))
             about = {"long_name": "corners of the path of the spectra"}
             variables["labels_of_path"] = ("corner_of_path", labels, about)
-    if asked.surface is not None:
-        attrs["surface"] = to_json(asked.surface)
+        for one in waves.of_networks:
+            for name, (values, unit) in one.coordinates.items():
+                coordinates[name] = (name, np.array(values), {"units": unit} if unit else {})
+    attrs |= {name: to_json(one) for name, one in (("surface", asked.surface), ("damping", asked.bands)) if one is not None}
     if asked.finite_overlap and not all(one.is_exact for one in grid.media):
         attrs["exponent"] = "left out: it is defined in the limit of small overlap"
     return Dataset(variables, coordinates, attrs | {"packing": to_json(grid.packing)})
@@ -265,7 +272,11 @@ def list_finite_overlap(dataset: Dataset) -> list[bool]:
 def collect_identity(frame: Dataset) -> dict[str, Any]:
     """Return all that determines the numbers, as plain data; a frame and the sweep read from its file give the same."""
     made, path = json.loads(frame.attrs["versions"]), [name for name in ("labels", "qpoints") if name in frame]
-    out = {name: json.loads(frame.attrs[name]) for name in ("packing", "media", "waves", "surface") if name in frame.attrs}
+    out = {
+        name: json.loads(frame.attrs[name])
+        for name in ("packing", "media", "waves", "surface", "damping")
+        if name in frame.attrs
+    }
     out |= {"finite_overlap": bool(frame.attrs["finite_overlap"]), "versions": {name: made[name] for name in packages()}}
     known = {*LOAD_KINDS, *PARAMETERS, "direction"}
     for name in [name for name in frame.coords if name in known or "." in str(name)] + path:
@@ -428,12 +439,15 @@ def _digest_numbers(dataset: Dataset) -> str:
 
 
 def write_waves(dataset: Dataset, path: Path) -> None:
-    """Write a table of the waves in simulated arrays, by the name of the file.
+    """Write a table of the waves in simulated arrays or in networks, by the name of the file.
 
-    sweep_dos.csv has a row for each state and frequency, sweep_spectra.csv one for each state, polarisation and wave vector.
+    sweep_dos.csv has a row for each state and frequency, sweep_spectra.csv one for each state, polarisation and wave vector,
+    and that of a block about networks one for each state and each of its coordinates.
     """
-    extra = ("node",) if path.name == "sweep_dos.csv" else ("polarisation", "wavevector")
+    extra = _ROWS[path.stem]
     dims = (*dataset["valid"].dims, *extra)
+    if path.stem == "damped_bands":  # numbered, from zero
+        dataset = dataset.assign_coords({name: np.arange(dataset.sizes[name]) for name in extra})
     whole = [one for one, data in dataset.data_vars.items() if set(extra[-1:]) <= set(data.dims) <= set(dims)]
     _write_rows(dataset, path, dims, [*(one for one in extra if one in dataset.coords), *whole])
 

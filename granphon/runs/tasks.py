@@ -49,7 +49,7 @@ from granphon.observables.velocities import warn_of_free_branches
 from granphon.phonons.paths import interpolate_path, special_points
 from granphon.runs.store import TaskResult
 from granphon.runs.workers import packages
-from granphon.waves.settings import SurfaceSettings, WaveSettings
+from granphon.waves.settings import BandsSettings, SurfaceSettings, WaveSettings
 
 Array = NDArray[Any]
 #: warning that goes with the bands of a simulation
@@ -96,6 +96,7 @@ class Asked:
     direction : that of sound, Cartesian, one or many; None for x.
     waves : what is asked of the waves in each sample of a simulation; None for nothing.
     surface : the edge whose waves are asked for; None for none.
+    bands : how contacts damp the bands; None for bands without loss alone.
     exponents : whether those of the velocities are, for which a simulation solves two more equilibria at each load.
     sound : whether a lattice that has no velocities, a mechanism, is an error; otherwise they are left out.
     alone : whether it is the only state. The balls of its samples are kept, for files and figures of them, and messages need
@@ -107,6 +108,7 @@ class Asked:
     direction: tuple[Any, ...] | None = None
     waves: WaveSettings | None = None
     surface: SurfaceSettings | None = None
+    bands: BandsSettings | None = None
     exponents: bool = True
     sound: bool = True
     alone: bool = False
@@ -156,8 +158,9 @@ class Case:
             at, periods = error.load_index, self.packing.structure.periods
             located = _name_task(self.label, error) if at is None else _name_load(self.label, self.load, at, error, periods)
             raise located from error
-        # lattices have no waves of their own here, and their exponents cost nothing
-        ideal = replace(self.asked, waves=None, exponents=True)
+        # lattices have no waves of their own here, but for those of networks, and their exponents cost nothing
+        networks = () if self.asked.waves is None else self.asked.waves.of_networks
+        ideal = replace(self.asked, waves=WaveSettings(of_networks=networks) if networks else None, exponents=True)
         return [
             MediumTask(
                 f"{self.label}: {serving.medium.label}" if serving.chosen_automatically else self.label,
@@ -203,6 +206,8 @@ class Case:
         """Return the variables of the only state; ``records`` are those of its samples, if it has any."""
         (task,) = self.media
         out = task.observe(analysis)
+        if not records:
+            return task.add_networks(out, analysis.state)
         return out if task.asked.waves is None else _add_waves(out, task, task.load, records)
 
     def restore(self, parts: Sequence[TaskResult]) -> SimulatedState:
@@ -358,9 +363,11 @@ class MediumTask:
         An error names its task and, if it is known, its load.
         """
         try:
-            return self.observe(Analysis(self.state(self.load), self.asked.direction))
+            analysis = Analysis(self.state(self.load), self.asked.direction)
+            out = self.observe(analysis)
         except GranphonError as error:
             raise self._locate(error) from error
+        return out if self.serving.arrays else self.add_networks(out, analysis.state)
 
     def observe(self, analysis: Analysis) -> TaskResult:
         """Return the variables of a state, with an axis of loads, and its "warnings"."""
@@ -402,7 +409,32 @@ class MediumTask:
             found["frequencies"] = (hertz[:, None, None] * rows).reshape(len(loads), *way[0].shape[:2], -1)
             notes += [*lattices[0].free_branch_warnings, *lattices[0].soft_mode_warnings(paths[0], rows[0])]
             notes += [LATTICE_BANDS] * bool(state.n_samples)
+            if (lossy := asked.bands) is not None:
+                from granphon.phonons.phonons import Phonons  # imported here: other runs do not need phonopy
+
+                q, shape = way[0].reshape(-1, 3), (len(loads), *way[0].shape[:2], -1)
+                damped = [Phonons(one).damped(q, lossy.damping, lossy.loss_factor) for one in loads]
+                found["damped_frequency"] = np.array([one.frequencies.real for one in damped]).reshape(shape)
+                found["damped_decay"] = np.array([one.decay for one in damped]).reshape(shape)
+                found["damped_quality"] = np.array([one.quality for one in damped]).reshape(shape)
         return found | {"warnings": _write_notes(notes)}
+
+    def add_networks(self, out: TaskResult, state: ContactState) -> TaskResult:
+        """Return ``out`` with what is asked of the network at each load, without samples; errors name the load."""
+        if self.asked.waves is None:
+            return out
+        from granphon.runs.wave_records import record_networks  # imported here: other runs do not need it
+
+        records, periods = list[SampleRecord](), self.serving.packing.structure.periods
+        for index in range(self.load.size):
+            try:
+                network = (state if state.is_single else state[index]).network
+                records.append(SampleRecord(of_waves=record_networks(network, self.asked.waves)))
+            except GranphonError as error:
+                if self.asked.alone:
+                    raise
+                raise _name_task(f"{self.where}, {self.load[index].describe(periods)}", error) from None
+        return _add_waves(out, self, self.load, records)
 
     def _locate(self, error: GranphonError) -> GranphonError:
         """Return an error whose message begins with the task and the load.
@@ -443,6 +475,8 @@ def _name_task(where: str, error: GranphonError) -> GranphonError:
 
 def _add_waves(out: TaskResult, task: MediumTask, load: Load, records: Sequence[SampleRecord]) -> TaskResult:
     """Return ``out`` with the means over samples of the waves at the loads of a task, and notes on what is not known.
+
+    A state without samples has one record at each load.
 
     An observable that is not known at some of the loads is nan there; one that is known at none is left out.
     """

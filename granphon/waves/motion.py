@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -12,8 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.errors import InputError, brief
 from granphon.base.records import RecordFile, read_records
-from granphon.base.results import Result
+from granphon.base.results import Result, plain
 from granphon.base.validation import number, positive, require, whole_number
+from granphon.networks.network import ContactNetwork
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -30,29 +32,26 @@ class Motion(Result):
     Attributes
     ----------
     times : (n_f,) s.
-    displacements, velocities : (n_f, n, 3) from ``sites``, m, m/s. Velocities of balls that a drive moves are differences
-        between frames.
+    displacements, velocities : (n_f, n, 3) from the places at rest, m, m/s. Velocities of balls that a drive moves are
+        differences over two steps.
     rotations, spins : (n_f, n, 3) rad, rad/s.
     forces, shears : (n_f, n_c) normal force of each contact, zero where it is open, and size of its force of slip, N.
     translation, rotation : (n_f,) kinetic energies, J.
     stored : (n_f,) energy that contacts and the load have gained since rest, J.
     lost : (n_f,) energy that contacts have lost by friction, by dashpots, and by their law, J.
     work : (n_f,) of drives, J.
-    sites : (n, 3) places of the balls in the network, m.
-    i, j : (n_c,) the two balls of each contact.
-    middles : (n_c, 3) places of the contacts in the network, m.
     step : s.
+    network : the balls at rest, and their contacts.
+    met : (n_m, 2) balls of contacts that came about beside those of the network: the last columns of ``forces``.
     """
 
     units = {
         "times": "s", "displacements": "m", "velocities": "m/s", "rotations": "rad", "spins": "rad/s", "forces": "N",
-        "shears": "N", "translation": "J", "rotation": "J", "stored": "J", "lost": "J", "work": "J", "sites": "m",
-        "middles": "m", "step": "s",
+        "shears": "N", "translation": "J", "rotation": "J", "stored": "J", "lost": "J", "work": "J", "step": "s",
     }  # fmt: skip
     _shapes = {
         "times": "f", "displacements": "f n 3", "velocities": "f n 3", "rotations": "f n 3", "spins": "f n 3",
-        "forces": "f c", "shears": "f c", "translation": "f", "rotation": "f", "stored": "f", "lost": "f", "work": "f",
-        "sites": "n 3", "i": "c", "j": "c", "middles": "c 3",
+        "forces": "f c", "shears": "f c", "met": "m 2", "translation": "f", "rotation": "f", "stored": "f", "lost": "f", "work": "f",
     }  # fmt: skip
 
     times: Array
@@ -67,11 +66,9 @@ class Motion(Result):
     stored: Array
     lost: Array
     work: Array
-    sites: Array
-    i: Index
-    j: Index
-    middles: Array
     step: float
+    network: ContactNetwork
+    met: Index = field(default_factory=lambda: np.zeros((0, 2), np.intp))
 
     @classmethod
     def read(cls, path: str | os.PathLike[str], frames: slice = slice(None)) -> Self:
@@ -79,10 +76,14 @@ class Motion(Result):
 
         Raises :class:`~granphon.base.errors.InputError` for a file that is not there, or that is of another kind or schema.
         """
-        found = read_records(path, _ABOUT, frames)
-        ends: Any = {name: found.pop(name).astype(np.intp) for name in ("i", "j")}
-        step = float(found.pop("duration_of_step"))
-        return cls(**found, **ends, step=step)
+        found, about = read_records(path, _ABOUT, frames)
+        own = {name.removeprefix("network_"): found.pop(name) for name in list(found) if name.startswith("network_")}
+        for name in ("i", "j", "shift", "labels"):
+            if name in own:
+                own[name] = own[name].astype(np.intp)
+        network = ContactNetwork.from_dict({"class": "ContactNetwork", **json.loads(about["network"]), **own})
+        met: Any = found.pop("met", np.zeros((0, 2))).astype(np.intp)
+        return cls(**found, network=network, met=met, step=float(about["step"]))
 
     @property
     def energy(self) -> Array:
@@ -92,7 +93,14 @@ class Motion(Result):
     @property
     def positions(self) -> Array:
         """(n_f, n, 3) where the balls are, m."""
-        return self.sites + self.displacements
+        return self.network.positions + self.displacements
+
+    @property
+    def middles(self) -> Array:
+        """(n_c, 3) places of the contacts at rest, m."""
+        network = self.network
+        of_network = network.positions[network.i] + network.arm_i[:, None] * network.normal
+        return np.concatenate([of_network, np.mean(network.positions[self.met], axis=1)])
 
     def peaks(self) -> tuple[Array, Array]:
         """Return the times, s, and the heights, N, of the greatest normal force of each contact, each (n_c,).
@@ -106,9 +114,9 @@ class Motion(Result):
         return self.times[top] + shift * (self.times[1] - self.times[0]), most - 0.25 * tilt * shift
 
     def arrivals(self, share: float = 0.5) -> Array:
-        """Return when the force of each contact first differs from that at the start by a ``share`` of what it ever does.
+        """Return the times, (n_c,), s, at which each force has changed by the part ``share`` of its greatest change.
 
-        (n_c,) s, between frames on a straight line; infinite where a force does not change.
+        Times between frames are interpolated linearly; the time is infinite where a force does not change.
         """
         change = np.abs(self.forces - self.forces[0])
         level = require("share", lambda value: number(value, 1e-9, 1.0), share) * change.max(axis=0)
@@ -123,14 +131,15 @@ class Motion(Result):
     ) -> float:  # fmt: skip
         """Return the velocity, m/s, at which the greatest force, or the front of :meth:`arrivals`, passes ``contacts``.
 
-        It is that of the straight line through distances over times. Distances are along the ``direction`` (3,), by default
-        from the first contact to the last. Raises :class:`~granphon.base.errors.InputError` for fewer than two contacts, and
-        for contacts that it does not reach one after another.
+        The front is where the force has the part ``share`` of its greatest change. A straight line is fitted to distances
+        over times. Distances are along the ``direction`` (3,), by default from the first contact to the last. Raises
+        :class:`~granphon.base.errors.InputError` for fewer than two contacts, and for contacts that it does not reach one
+        after another.
         """
         at = np.asarray(contacts)
-        if at.ndim != 1 or at.size < 2 or at.dtype.kind not in "iu" or np.any((at < 0) | (at >= len(self.i))):
+        if at.ndim != 1 or at.size < 2 or at.dtype.kind not in "iu" or np.any((at < 0) | (at >= self.forces.shape[1])):
             what = f"contacts are {brief(contacts)}"
-            raise InputError(what, mend=f"Give two or more of the numbers 0 to {len(self.i) - 1}")
+            raise InputError(what, mend=f"Give two or more of the numbers 0 to {self.forces.shape[1] - 1}")
         if of not in ("peak", "front"):
             raise InputError(f"of is {brief(of)}", mend='Give "peak" or "front"')
         places = self.middles[at] - self.middles[at[0]]
@@ -149,7 +158,9 @@ class Motion(Result):
         The mean is left out. A Hann window keeps frequencies apart; the amplitude is that of a steady motion at a frequency
         of the list.
         """
-        values = self.displacements[:, whole_number("ball", ball, 0, len(self.sites) - 1), whole_number("axis", axis, 0, 2)]
+        values = self.displacements[
+            :, whole_number("ball", ball, 0, self.network.n_balls - 1), whole_number("axis", axis, 0, 2)
+        ]
         window = np.hanning(len(values))
         weighed = window * (values - np.average(values, weights=window))
         spacing = float(self.times[1] - self.times[0])
@@ -181,15 +192,14 @@ class Frames:
 
     Parameters
     ----------
-    sites : (n, 3) m.
-    i, j : (n_c,) contacts of the network, and their places from ball i, ``arms`` (n_c, 3) m.
+    network : the balls at rest.
     step : s.
     path : of the file, or None.
     """
 
-    def __init__(self, sites: Array, i: Index, j: Index, arms: Array, step: float, path: Any) -> None:
-        self._fixed: dict[str, Any] = {"sites": sites, "i": i, "j": j, "middles": sites[i] + arms}
-        self._step, self._path, self._columns = step, path, dict[tuple[int, ...], int]()
+    def __init__(self, network: ContactNetwork, step: float, path: Any) -> None:
+        self._network, self._step, self._path = network, step, path
+        self._columns: dict[tuple[int, ...], int] = {}
         self._frames: list[dict[str, Any]] = []
         self._file: RecordFile | None = None
         self._count, self.last_time = 0, 0.0
@@ -206,15 +216,10 @@ class Frames:
 
     def keep(self, frame: Mapping[str, Any], forces: Array, shears: Array, met: Sequence[tuple[int, ...]]) -> None:
         """Keep a frame. Contacts beyond those of the network, ``met`` (i, j, shift), get a column when they first push."""
-        base = len(self._fixed["i"]) - len(self._columns)
+        base = self._network.n_contacts
         new = [pair for pair, force in zip(met, forces[base:], strict=True) if force and pair not in self._columns]
-        if new:
-            for pair in new:
-                self._columns[pair] = base + len(self._columns)
-            ends = np.array(new)[:, :2]
-            self._fixed["i"], self._fixed["j"] = (np.append(self._fixed[one], ends[:, at]) for at, one in enumerate("ij"))
-            middles = np.mean(self._fixed["sites"][ends], axis=1)
-            self._fixed["middles"] = np.concatenate([self._fixed["middles"], middles])
+        for pair in new:
+            self._columns[pair] = base + len(self._columns)
         whole: dict[str, Any] = dict(frame)
         for name, values in (("forces", forces), ("shears", shears)):
             whole[name] = np.zeros(base + len(self._columns))
@@ -230,7 +235,7 @@ class Frames:
             self._open([whole])
         elif new:  # columns are of a fixed number in a file
             self._file.close()
-            before = read_records(self._path, _ABOUT)
+            before = read_records(self._path, _ABOUT)[0]
             self._open(
                 [{name: values[at] for name, values in before.items() if name in whole} for at in range(self._count - 1)]
                 + [whole]
@@ -238,18 +243,24 @@ class Frames:
         else:
             self._file.append(whole)
 
+    @property
+    def _met(self) -> Index:
+        return np.array([pair[:2] for pair in self._columns], np.intp).reshape(-1, 2)
+
     def _open(self, frames: Sequence[Mapping[str, Any]]) -> None:
         """Write a file anew, with some frames, in place of one that may be there."""
-        names = {"n": "ball", "c": "contact", "3": "axis"}
-        layouts = {
-            name: tuple(names[one] for one in layout.split() if one != "f") for name, layout in Motion._shapes.items()
-        }
-        fixed = {name: (np.asarray(array), layouts[name]) for name, array in self._fixed.items()}
-        fixed["duration_of_step"] = (np.array(self._step), ())
-        last = frames[-1]
-        growing = {name: (np.shape(last[name]), layouts[name]) for name in layouts if name in last}
+        network, last = self._network, frames[-1]
+        plain_fields = {one.name: getattr(network, one.name) for one in fields(network)}
+        arrays = {name: values for name, values in plain_fields.items() if isinstance(values, np.ndarray)}
+        rest = {name: plain(values) for name, values in plain_fields.items() if name not in arrays}
+        fixed = {f"network_{name}": (values, _name_axes(name, ContactNetwork)) for name, values in arrays.items()}
+        if self._columns:  # a dimension of no length would be the one that grows
+            fixed["met"] = (self._met, _name_axes("met", Motion))
+        growing = {name: (np.shape(values), _name_axes(name, Motion)[1:]) for name, values in last.items()}
+        units = Motion.units | {f"network_{name}": unit for name, unit in ContactNetwork.units.items()}
         beside = f"{os.fspath(self._path)}.new"
-        file = RecordFile(beside, fixed, growing, Motion.units, _ABOUT)
+        about = _ABOUT | {"network": json.dumps(rest), "step": repr(self._step)}
+        file = RecordFile(beside, fixed, growing, units, about)
         for frame in frames:
             file.append({name: _pad(frame[name], np.shape(last[name])) for name in growing})
         os.replace(beside, self._path)
@@ -263,7 +274,14 @@ class Frames:
         stacked: dict[str, Any] = {
             name: np.array([_pad(one[name], np.shape(last[name])) for one in self._frames]) for name in last
         }
-        return Motion(**stacked, **self._fixed, step=self._step)
+        return Motion(**stacked, network=self._network, met=self._met, step=self._step)
+
+
+def _name_axes(name: str, owner: type[Result]) -> tuple[str, ...]:
+    """Return names of the axes of a field in a file."""
+    names = {"f": "time", "n": "ball", "c": "contact", "3": "axis", "m": "met", "2": "end"}
+    of_network = {"c": "network_contact"} if owner is ContactNetwork else {}
+    return tuple((names | of_network)[one] for one in owner._shapes[name].rstrip("?").split())
 
 
 def _pad(values: Any, shape: tuple[int, ...]) -> Array:

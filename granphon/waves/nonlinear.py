@@ -251,7 +251,7 @@ class NonlinearWaves:
                 what = f"the run takes {each * (count - 1):.3g} steps"
                 raise InputError(what, f"More than {_MOST_STEPS:.0e} are not made", "Give a shorter duration")
             network, exact = self.network, length / (count - 1) / each
-            kept = Frames(network.positions, network.i, network.j, network.arm_i[:, None] * network.normal, exact, file)
+            kept = Frames(network, exact, file)
             stopped = ""
             with kept, progress.step("motion", count - 1) as told:
                 try:

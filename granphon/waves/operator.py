@@ -32,7 +32,7 @@ from scipy.sparse.linalg import LinearOperator
 from granphon.array.contact_operator import ContactHessian, ContactOperator
 from granphon.array.sparse_matrices import compose
 from granphon.base.errors import InputError, message
-from granphon.dynamics.rows import Row, carry_rows, contact_rows, push_rows
+from granphon.dynamics.rows import Row, carry_rows, contact_rows, push_rows, weigh_rows
 from granphon.networks.network import ContactNetwork
 
 if TYPE_CHECKING:
@@ -136,84 +136,71 @@ class WaveOperator(LinearOperator[np.float64]):
         return rows
 
     @cached_property
-    def root(self) -> csr_array[Any]:
-        """A = K^1/2 C M^-1/2, (rows, size), rad/s."""
-        return self._make_matrix(self.rows, self._roots)
+    def full_root(self) -> csr_array[Any]:
+        """A = K^1/2 C M^-1/2, and below it (f/r)^1/2 B of static forces where these act, (rows, size), rad/s."""
+        return self._make_matrix(*self._weighed_rows)
 
-    @property
-    def _roots(self) -> list[Array]:
-        return [np.sqrt(row.stiffness) for row in self.rows]
+    @cached_property
+    def root(self) -> csr_array[Any]:
+        """A alone, rad/s."""
+        return self.full_root[: len(self.rows) * self.network.n_contacts] if self.network.prestress else self.full_root
+
+    @cached_property
+    def _weighed_rows(self) -> tuple[list[Row], list[Array]]:
+        """The rows of :attr:`full_root`, and what each is multiplied by."""
+        network, rows = self.network, self.rows
+        # balls that move along a line alone have no displacements across contacts
+        static = push_rows(network.normal[:, : network.dimension], self.motions) if network.prestress else []
+        pressed = np.sqrt(network.normal_force / network.distance) if static else None
+        return rows + static, [np.sqrt(row.stiffness) for row in rows] + [pressed] * len(static)
+
+    def of_rows(self, weights: Array | None = None) -> Array:
+        """Return the weights (rows,) of the rows of :attr:`full_root` in D, where static forces have -1.
+
+        Given ``weights`` (2, n_c) of elongation, and of other deformations of contacts, return these, where they have 0.
+        """
+        static = self.network.n_contacts * (len(self._weighed_rows[0]) - len(self.rows))
+        springs = np.ones((2, self.network.n_contacts)) if weights is None else weights
+        return np.concatenate([*weigh_rows(self.rows, springs), np.full(static, -1.0 if weights is None else 0.0)])
+
+    def weigh(self, weights: Array | None = None, phase: Any = None) -> csr_array[Any]:
+        """Return A^H W A, (size, size), (rad/s)^2, with ``weights`` as for :meth:`of_rows`; without any, D.
+
+        With a ``phase`` (n_c,) it is that of waves, in which balls j of contacts move with it.
+        """
+        root = self.full_root if phase is None else self._make_matrix(*self._weighed_rows, phase)
+        found: csr_array[Any] = (root.conj().T.tocsr() @ root.multiply(self.of_rows(weights)[:, None]).tocsr()).tocsr()
+        return found
 
     @cached_property
     def matrix(self) -> csr_array[Any]:
         """D, (size, size), (rad/s)^2."""
-        found: csr_array[Any] = (self.root.T.tocsr() @ self.root).tocsr()
-        if self._pushed is not None:
-            across = self._make_matrix(*self._pushed)
-            found = (found - across.T.tocsr() @ across).tocsr()
-        if self._carried is None:
-            return found
-        held: csr_array[Any] = (found + 0.5 * (self._carried + self._carried.T)).tocsr()
-        return held
+        found = self.weigh()
+        return found if self._carried is None else (found + 0.5 * (self._carried + self._carried.T)).tocsr()
 
-    def weigh(self, weights: Array) -> csr_array[Any]:
-        """Return A^T W A, (size, size), with ``weights`` (2, n_c) of elongation and of other deformations of contacts."""
-        weighed: csr_array[Any] = self.root.multiply(self._of_rows(weights)[:, None]).tocsr()
-        found: csr_array[Any] = (self.root.T.tocsr() @ weighed).tocsr()
-        return found
+    def stretch(self, moved: Array) -> Array:
+        """Return what displacements (n, motions), m, of bodies that do not move make of the rows of :attr:`full_root`."""
+        return self._deform(moved, *self._weighed_rows)
+
+    def _deform(self, moved: Array, rows: list[Row], roots: list[Array]) -> Array:
+        i, j = moved[self.network.i], moved[self.network.j]
+        parts = [root * np.sum(row.head * j - row.tail * i, axis=1) for row, root in zip(rows, roots, strict=True)]
+        return np.concatenate(parts)
 
     def pull(self, moved: Array, weights: Array | None = None) -> Array:
         """Return the mass-weighted forces (size,), N/kg^1/2, on balls that move when bodies that do not are displaced.
 
         ``moved`` (n, motions) are displacements, m. The forces are those of springs and of static forces; with ``weights``,
-        as for :meth:`weigh`, those of springs alone, each times its weight.
+        as for :meth:`of_rows`, those of springs alone, each times its weight.
         """
-
-        def deform(rows: list[Row], roots: list[Array]) -> Array:
-            i, j = moved[self.network.i], moved[self.network.j]
-            parts = [root * np.sum(row.head * j - row.tail * i, axis=1) for row, root in zip(rows, roots, strict=True)]
-            return np.concatenate(parts)
-
-        stretched = deform(self.rows, self._roots)
-        if weights is not None:
-            return np.asarray(-(self.root.T @ (self._of_rows(weights) * stretched)))
-        found = -(self.root.T @ stretched)
-        if self._pushed is not None:
-            found += self._make_matrix(*self._pushed).T @ deform(*self._pushed)
-        for one, other in (self._pairs, self._pairs[::-1]) if self._pairs else ():
-            found -= 0.5 * (self._make_matrix(*one).T @ deform(*other))
+        found = -(self.full_root.T @ (self.of_rows(weights) * self.stretch(moved)))
+        for one, other in (self._pairs, self._pairs[::-1]) if self._pairs and weights is None else ():
+            found -= 0.5 * (self._make_matrix(*one).T @ self._deform(moved, *other))
         return np.asarray(found)
 
-    def _of_rows(self, weights: Array) -> Array:
-        """Return weights (2, n_c) of elongation, and of other deformations, as those of the rows."""
-        return np.concatenate([weights[int(row.kind != "elongation")] for row in self.rows])
-
     def compose(self, rows: list[Row], phase: Any = 1.0) -> csr_array[Any]:
-        """Return C M^-1/2, (kinds x n_c, size): deformations from mass-weighted motions, as for :meth:`matrix_of_wave`."""
+        """Return C M^-1/2, (kinds x n_c, size): deformations from mass-weighted motions, as for :meth:`weigh`."""
         return self._make_matrix(rows, [1.0] * len(rows), phase)
-
-    def matrix_of_wave(self, phase: NDArray[Any], elongation: Any = 1.0, other: Any = 1.0) -> csr_array[Any]:
-        """Return D of waves along the periods, across whose boundaries balls j of contacts move with the ``phase`` (n_c,).
-
-        Contacts are as many times as stiff, in elongation and in all other deformations; complex where energy is lost.
-        """
-        count, rows = self.network.n_contacts, self.rows
-        stiff = [row.stiffness * (elongation if row.kind == "elongation" else other) for row in rows]
-        if self._pushed is not None:
-            across, roots = self._pushed
-            rows, stiff = rows + across, stiff + [-(root**2) for root in roots]
-        one = self.compose(rows, phase)
-        weights = np.concatenate([np.broadcast_to(each, count) for each in stiff])
-        found: csr_array[Any] = (one.conj().T.tocsr() @ one.multiply(weights[:, None]).tocsr()).tocsr()
-        return found
-
-    @cached_property
-    def _pushed(self) -> tuple[list[Row], list[Array]] | None:
-        """Displacements across contacts, and (f/r)^1/2, which multiply each other; None without prestress."""
-        network = self.network
-        rows = push_rows(network.normal[:, : network.dimension], self.motions) if network.prestress else []
-        # balls that move along a line alone make none
-        return (rows, [np.sqrt(network.normal_force / network.distance)] * len(rows)) if rows else None
 
     @cached_property
     def _pairs(self) -> tuple[tuple[list[Row], list[Array]], ...]:

@@ -10,20 +10,29 @@ springs and dashpots. There are two ways to solve it.
 Directly: sparse LU factors of Z at each frequency, in an order of the motions that is found once. Further solutions, of what
 is left, mend the first until they change it no more; the last change is the error.
 
-By one Krylov space for all frequencies: if all contacts are damped alike, Z = s (D - z) with a number s and z = omega^2/s.
-The process of Lanczos turns D into a tridiagonal matrix T on the vectors that D makes of the source, for all z at once: the
-method of conjugate gradients for shifted systems (R. W. Freund, in Numerical Linear Algebra, de Gruyter, 1993). What is left
-has the norm b |y|, with the next entry b of T and the last coefficient y. As D is real and symmetric, |(D - z)^-1| is at
-most one over the distance of z from the spectrum, which bounds the error. Of the vectors only the signals of receivers are
-kept. Less damping takes more steps. They go on until they have cost as much as factors at the frequencies that are left.
+By one Krylov space for all frequencies, of the source and a matrix H that does not depend on them: the process of Lanczos
+turns H into a tridiagonal matrix on the vectors that it makes of the source, and the shifted systems of all frequencies are
+solved there (R. W. Freund, in Numerical Linear Algebra, de Gruyter, 1993). Of the vectors only the signals of receivers are
+kept. If all contacts are damped alike, Z = s (D - z) with a number s and z = omega^2/s, and H is D. Else H is that of
+velocities v = x' and deformations y = (1 + i eta)^1/2 A x, with which the equations of motion are of first order,
+
+    (i omega + ((A^T tau A, A^T (1 + i eta)^1/2), (-(1 + i eta)^1/2 A, 0))) (v, y) = (M^-1/2 F, 0).
+
+This H is symmetric in the product v.v - y.y, which has either sign, so that the vectors are of square one or minus one (or,
+with loss factors, complex). A static force adds deformations of imaginary stiffness^1/2.
+
+What is left has the norm of the next vector times the last coefficient. With g the least eta + omega tau of all contacts,
+|Z^-1| is at most one over the distance of omega^2 from all d (1 + i g'), d >= 0 and g' >= g, which bounds the error. Less
+damping takes more steps. They go on until they have cost as much as factors at the frequencies that are left.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -51,8 +60,10 @@ METHODS = ("direct", "krylov")
 _FEW = 2_000
 #: work of the factors at a frequency, in steps of Lanczos, for balls on a line, in a plane and in space: c n^p of n motions
 _FACTORS = {1: (30.0, 0.0), 2: (6.0, 0.5), 3: (0.6, 1.0)}
-#: bound of the error of a response by Lanczos, over the largest of its frequency, with which it counts as found
+#: bound of the error of a response, over the largest of its frequency, with which it counts as found
 TOLERANCE = 1e-9
+#: root of the square of a vector, in the product that has either sign, over its norm, up to which nothing follows from it
+_DEGENERATE = 1e-4
 #: steps after which Lanczos is looked at first, and growth of their number to the next time
 _FIRST, _GROWTH = 64, 1.15
 #: most steps where factors are too large
@@ -127,6 +138,11 @@ class Response(Result):
         return np.asarray(np.mean(self.values, axis=1))
 
     @property
+    def peaks(self) -> tuple[Peaks, ...]:
+        """For each receiver its peaks, each that of a mode over a constant background: frequencies, heights, Q factors."""
+        return tuple(find_peaks(self.frequencies, one) for one in self.values.T)
+
+    @property
     def method(self) -> str:
         """How it was found, in words."""
         krylov = len(self.frequencies) - self.factorisations
@@ -160,16 +176,61 @@ def read_frequencies(given: ArrayLike) -> Array:
     return found
 
 
+class Peaks(NamedTuple):
+    """Peaks of a magnitude over frequency.
+
+    Attributes
+    ----------
+    frequencies : (n,) Hz.
+    heights : (n,) magnitude at the peaks, in the unit of the response.
+    quality : (n,) Q factors, a ratio without a unit; nan if the peak is not resolved.
+    """
+
+    frequencies: Array
+    heights: Array
+    quality: Array
+
+
+def find_peaks(frequencies: Array, values: Complex) -> Peaks:
+    """Return the peaks of the magnitude of a response (n_f,) inside of the ascending frequencies (n_f,), Hz.
+
+    B + R/(p - f^2), a mode over a constant background, passes through the highest value and its two neighbours. Its pole p
+    gives the frequency (Re p)^1/2, the height there, and Q = Re p / Im p. Where the width of the line is below half the step
+    of the frequencies, or the pole is farther away than its width, the peak is the highest value, and Q is not known.
+    """
+    magnitude = np.abs(values)
+    at = 1 + np.flatnonzero((magnitude[1:-1] > magnitude[:-2]) & (magnitude[1:-1] >= magnitude[2:]))
+    x, h = (np.array([one[at + step] for step in (-1, 0, 1)]) for one in (frequencies**2, values))
+    with np.errstate(divide="ignore", invalid="ignore"):  # two equal values have no pole
+        ratio = (h[1] - h[0]) / (h[2] - h[1]) * (x[2] - x[1]) / (x[1] - x[0])
+        pole = (x[2] - ratio * x[0]) / (1.0 - ratio)
+        strength = (h[2] - h[0]) * (pole - x[0]) * (pole - x[2]) / (x[2] - x[0])
+        top = np.abs(h[1] - strength / (pole - x[1]) + strength / (1j * pole.imag))
+        known = (pole.imag >= 0.25 * (x[2] - x[0])) & (
+            np.abs(pole.real - x[1]) <= np.maximum(pole.imag, 0.5 * (x[2] - x[0]))
+        )
+        quality = np.where(known, pole.real / pole.imag, np.nan)
+    heights = np.where(known, np.maximum(top, magnitude[at]), magnitude[at])
+    return Peaks(np.sqrt(np.where(known, pole.real, x[1])), heights, quality)
+
+
+def require_places(network: ContactNetwork, name: str, given: Any, moved: bool, **options: Any) -> None:
+    """Raise InputError unless a network has the places of a source or receiver, as arguments of ``Waves.response``."""
+    _Places(network, **options).find(name, given, held=moved)
+
+
 def find_response(
     operator: WaveOperator, frequencies: ArrayLike, source: Any, receiver: Any, damping: Any = 0.0,
     loss_factor: Any = 0.0, *, quantity: str = "displacement", direction: ArrayLike | None = None,
     polarisation: str | ArrayLike = "longitudinal", distance: float | None = None, method: str | None = None,
+    tolerance: float = TOLERANCE,
 ) -> Response:  # fmt: skip
     """Return the response of a network; see :meth:`granphon.waves.waves.Waves.response`."""
     network, hertz = operator.network, read_frequencies(frequencies)
     for name, word, known in (("quantity", quantity, tuple(QUANTITIES)), ("method", method, (None, *METHODS))):
         if word not in known:
             raise InputError(f"{name} is {brief(word)}", mend=f"Use {', '.join(filter(None, known))}")
+    tolerance = positive("tolerance", tolerance, "")
     damped, places = ContactDamping.of(network, damping, loss_factor), _Places(network, direction, polarisation, distance)
     moved = quantity == "transmissibility"
     sources, pushes = places.find("source", source, held=moved)
@@ -187,8 +248,8 @@ def find_response(
     row[operator.balls] = np.arange(operator.balls.size)
     heard = operator.values(np.arange(operator.size))[row[receivers], : len(axes)]
     ears = directions[:, axes] / np.sqrt(network.masses[receivers])[:, None]
-    problem = _Problem(operator, damped, drives, heard, ears, moved)
-    values, error, factored, steps = problem.solve(2.0 * math.pi * hertz, method)
+    problem = _Problem(operator, damped, drives, heard, ears, moved, operator.stretch(amplitude) if moved else np.zeros(0))
+    values, error, factored, steps = problem.solve(2.0 * math.pi * hertz, method, tolerance)
     if quantity == "velocity":
         values = values * (2j * math.pi * hertz)[:, None]
     warnings: tuple[str, ...] = ()
@@ -279,12 +340,27 @@ class _Places:
 # -- solutions ----------------------------------------------------------------------------------------------------------
 
 
+class _Space(NamedTuple):
+    """A matrix H that is symmetric in a product of two vectors, which has either sign, and (H - shift) x = start.
+
+    ``scale`` (n_f,) times x is heard. The error of scale x is at most scale times ``bound`` (n_f,) times what is left.
+    """
+
+    apply: Callable[[NDArray[Any]], NDArray[Any]]
+    product: Callable[[NDArray[Any], NDArray[Any]], Any]
+    start: NDArray[Any]
+    shifts: NDArray[Any]
+    scale: NDArray[Any]
+    bound: Array
+
+
 @dataclass(frozen=True, eq=False)
 class _Problem:
     """Z x = source, and what of x is heard.
 
     ``drives`` are the parts of the source without damping, by loss factors and, over omega, by dashpots; ``moved`` says that
-    it is a wall. ``heard`` and ``ears`` (n_r, axes) are places in x, and their weights.
+    it is a wall, which makes ``stretched`` of the rows of A. ``heard`` and ``ears`` (n_r, axes) are places in x, and their
+    weights.
     """
 
     operator: WaveOperator
@@ -293,39 +369,86 @@ class _Problem:
     heard: Index
     ears: Array
     moved: bool
+    stretched: Array
 
-    def solve(self, omega: Array, method: str | None) -> tuple[Complex, Array, int, int]:
+    def solve(self, omega: Array, method: str | None, tolerance: float) -> tuple[Complex, Array, int, int]:
         """Return values and errors at ``omega`` (n_f,), rad/s, the number of factorisations, and of steps of Lanczos."""
         operator, n = self.operator, self.operator.size
-        dimension, even = operator.network.dimension, self.damping.find_even(operator.network)
-        if even is None and method == "krylov":
-            why = "A Krylov space is for a loss factor that all have, and a viscosity in proportion to all stiffnesses"
-            raise InputError("the contacts are not damped alike, or static forces act", why, "Use the direct method")
+        dimension, unfit = operator.network.dimension, self._explain_unfit()
+        if unfit and method == "krylov":
+            raise InputError("no Krylov space serves all frequencies", unfit, "Use the direct method")
         values, error = np.zeros((omega.size, len(self.heard)), complex), np.full(omega.size, np.inf)
         fits, steps = n <= LARGEST_FACTORS[dimension], 0
-        if even is not None and method != "direct" and (n > _FEW or method == "krylov"):
-            shifts, scale = self._shift(omega, even)
+        if not unfit and method != "direct" and (n > _FEW or method == "krylov"):
             factor, power = _FACTORS[dimension]
-            values, error, steps = self._follow_lanczos(
-                shifts, scale, factor * n**power if fits and method is None else None
-            )
+            price = factor * n**power if fits and method is None else None
+            space = self._make_first_order(omega) if self.even is None else self._make_even(omega, self.even)
+            values, error, steps = self._follow_lanczos(space, price, tolerance)
         left = np.flatnonzero(np.isinf(error))
         if left.size and (method == "krylov" or not fits):
             hardest = write_quantity(float(omega[left[0]]) / (2.0 * math.pi), "Hz", 4)
-            space = f"a Krylov space of {counted(steps, 'step')}"
-            what = f"the response of {n:,} motions at {hardest} is not found by {space}"
-            why = (
+            space_of = f"a Krylov space of {counted(steps, 'step')}"
+            what = f"the response of {n:,} motions at {hardest} is not found by {space_of}"
+            why = unfit or (
                 "In a large network modes lie close together, and with little damping the response is that of each by itself"
             )
-            raise ConvergenceError(what, why, "Give more damping, alike in all contacts, or take a smaller network")
+            raise ConvergenceError(what, why, "Give more damping to all contacts, or take a smaller network")
         if left.size:
             values[left], error[left] = self._factorise(omega[left])
         return values, error, int(left.size), steps if left.size < omega.size else 0
 
-    def _shift(self, omega: Array, even: tuple[float, float]) -> tuple[Any, Any]:
-        """Return z/top^2 and s of all frequencies."""
+    @cached_property
+    def even(self) -> tuple[float, float] | None:
+        """(eta, tau) where all contacts are damped alike, and no static forces act."""
+        return self.damping.find_even(self.operator.network)
+
+    def _explain_unfit(self) -> str:
+        """Tell why no Krylov space serves all frequencies; empty if one does."""
+        if self.even is None and self.operator.whole is not None:
+            return "Static tangential forces act, which have no potential"
+        lossless = self.even is None and np.any((np.sum(self._of_rows, axis=0) == 0.0) & (self.operator.of_rows() > 0.0))
+        return "Some contacts lose energy, and others lose none" if lossless else ""
+
+    @cached_property
+    def _of_rows(self) -> Array:
+        """(2, rows) eta and tau, 1 and s, of the rows of A; zero of static forces."""
+        return np.stack([self.operator.of_rows(one) for one in (self.damping.losses, self.damping.times)])
+
+    def _make_even(self, omega: Array, even: tuple[float, float]) -> _Space:
+        """Return D over top^2, whose shifts are those of all frequencies."""
+        operator, squared = self.operator, self.operator.top**2
         scale = 1.0 + 1j * (even[0] + omega * even[1])
-        return omega**2 / scale / self.operator.top**2, scale
+        shifts = omega**2 / scale / squared
+        distance = np.hypot(shifts.imag, np.maximum(np.maximum(shifts.real - 1.0, -shifts.real), 0.0))
+        return _Space(
+            lambda x: (operator @ x) / squared, np.dot, self.drives[0], shifts,
+            (1.0 if self.moved else 1.0 / scale) / squared * np.ones(omega.size), _invert(distance),
+        )  # fmt: skip
+
+    def _make_first_order(self, omega: Array) -> _Space:
+        """Return H of velocities and deformations, over the top frequency; static forces are further rows of A."""
+        operator, n, (losses, times) = self.operator, self.operator.size, self._of_rows
+        root, w = operator.full_root / operator.top, omega / operator.top
+        back, stiff, viscous = root.T.tocsr(), operator.of_rows(), times * operator.top
+        is_real = not np.any(losses) and np.all(stiff > 0.0)
+        spring = np.ones(stiff.size) if is_real else np.sqrt(stiff + 1j * losses)
+
+        def apply(x: NDArray[Any]) -> NDArray[Any]:
+            strain = root @ x[:n]
+            return np.concatenate([-(back @ (spring * x[n:] + viscous * strain)), spring * strain])
+
+        def product(x: NDArray[Any], y: NDArray[Any]) -> Any:
+            return np.dot(x[:n], y[:n]) - np.dot(x[n:], y[n:])
+
+        if self.moved:  # (H - i w) (v, y) = i omega (-A^T tau s, spring s) for walls that stretch contacts by s
+            start = np.concatenate([-(back @ (viscous * self.stretched)), spring * self.stretched])
+        else:
+            start = np.concatenate([self.drives[0], np.zeros(stiff.size)])
+        least = np.min((losses + omega[:, None] * times)[:, stiff > 0.0], axis=1)
+        distance = np.maximum(w**2 * least / np.hypot(1.0, least), w**2 - 1.0)
+        scale = -1.0 / operator.top * (np.ones(w.size) if self.moved else _invert(1j * omega))
+        reach = (w + float(np.max(np.abs(spring)))) * _invert(distance)
+        return _Space(apply, product, start, 1j * w, scale, np.where(w > 0.0, reach, np.inf))
 
     def _listen(self, x: NDArray[Any]) -> NDArray[Any]:
         return np.asarray(np.sum(x[self.heard] * self.ears, axis=1))
@@ -366,7 +489,7 @@ class _Problem:
             values[row] = found
         return values, error
 
-    def _follow_lanczos(self, shifts: Complex, scale: Complex, price: float | None) -> tuple[Complex, Array, int]:
+    def _follow_lanczos(self, space: _Space, price: float | None, tolerance: float) -> tuple[Complex, Array, int]:
         """Return values, errors (infinite of what is not found) and the number of steps.
 
         It ends when these have cost as much as factors at the frequencies that are left, each at the ``price`` of so many
@@ -374,41 +497,49 @@ class _Problem:
         """
         from scipy.linalg import solve_banded
 
-        operator, squared = self.operator, self.operator.top**2
-        drive = self.drives[0]
-        size = float(np.linalg.norm(drive))
-        values, error = np.zeros((shifts.size, len(self.heard)), complex), np.zeros(shifts.size)
-        if size == 0.0:
+        values, error = np.zeros((space.shifts.size, len(self.heard)), complex), np.zeros(space.shifts.size)
+        square = space.product(space.start, space.start)
+        if not np.any(space.start):
             return values, error, 0
         error[:] = np.inf
-        reach = size / squared * float(np.max(np.linalg.norm(self.ears, axis=1)))
-        distance = np.hypot(shifts.imag, np.maximum(np.maximum(shifts.real - 1.0, -shifts.real), 0.0))
-        left, step = np.flatnonzero(distance > 0.0), 0  # without damping no end is sure to come
-        before, current, across = np.zeros(operator.size), drive / size, 0.0
-        diagonal, beside, signals, check = [], [], [], _FIRST
+        size, loud = math.sqrt(abs(square)), float(np.max(np.linalg.norm(self.ears, axis=1)))
+        left, step, growth = np.flatnonzero(np.isfinite(space.bound)), 0, 1.0  # without damping no end is sure to come
+        # the square of each vector has the size one, and a sign; where it is far from the norm, rounding grows
+        before, current, across = np.zeros(1), space.start / size, 0.0
+        sign, last = square / abs(square), 1.0
+        below, diagonal, above, signals, check = list[float](), list[Any](), list[Any](), list[NDArray[Any]](), _FIRST
         while left.size and step < (_MOST if price is None else price * left.size):
             step += 1
             signals.append(self._listen(current))
-            following = (operator @ current) / squared
-            following -= across * before
-            diagonal.append(float(current @ following))
+            following = space.apply(current)
+            following -= (across * sign / last) * before
+            diagonal.append(space.product(current, following) / sign)
             following -= diagonal[-1] * current
-            across = float(np.linalg.norm(following))
-            beside.append(across)
-            complete = across <= _COMPLETE * max(*beside, abs(diagonal[0]))
+            square = space.product(following, following)
+            across, length = math.sqrt(abs(square)), float(np.linalg.norm(following))
+            complete = length <= _COMPLETE * max(*below, length, abs(diagonal[0]))
+            below.append(across)
+            if not complete and across <= _DEGENERATE * length:
+                break
+            growth = max(growth, (length / across) ** 2 if across else 1.0)
+            last, sign = sign, square / abs(square) if across else sign
+            above.append(across * sign / last)
             if step >= check or complete:
                 check = math.ceil(step * _GROWTH)
                 bands = np.zeros((3, step), complex)
-                bands[0, 1:] = bands[2, :-1] = beside[:-1]
+                bands[0, 1:], bands[2, :-1] = above[:-1], below[:-1]
                 start, sounds, unsolved = np.eye(1, step)[0], np.array(signals), []
                 for place in left:
-                    bands[1] = np.array(diagonal) - shifts[place]
+                    bands[1] = np.array(diagonal) - space.shifts[place]
                     y = solve_banded((1, 1), bands, start, check_finite=False)
-                    found = size / squared * (y @ sounds)
-                    rest, largest = 0.0 if complete else across * abs(y[-1]), float(np.max(np.abs(found))) or reach
-                    values[place] = found if self.moved else found / scale[place]
-                    error[place] = np.finfo(float).eps * step + reach * rest / distance[place] / largest
-                    if error[place] > TOLERANCE and rest > _ROUNDING * distance[place]:
+                    found = size * space.scale[place] * (y @ sounds)
+                    rest = 0.0 if complete else size * length * abs(y[-1]) * space.bound[place]
+                    least = abs(space.scale[place]) * loud * rest
+                    values[place] = found
+                    error[place] = np.finfo(float).eps * step * growth + least / (
+                        float(np.max(np.abs(found))) or least or 1.0
+                    )
+                    if error[place] > tolerance and rest > _ROUNDING * size:
                         unsolved.append(place)
                 left = np.array(unsolved, int)
             if complete:
@@ -416,6 +547,11 @@ class _Problem:
             before, current = current, following / across
         error[left] = np.inf
         return values, error, step
+
+
+def _invert(values: NDArray[Any]) -> NDArray[Any]:
+    """Return one over values; infinite of zeros."""
+    return np.asarray(np.divide(1.0, values, out=np.full(values.shape, np.inf, values.dtype), where=values != 0.0))
 
 
 def _explain_resonance(omega: float) -> InputError:

@@ -112,12 +112,11 @@ def transmission(
     omega = 2.0 * np.pi * at
     waves = [find_bloch_waves(lead.blocks, omega**2, lead.space.size // lead.space.reach) for lead in leads]
     phase = np.exp(2.0j * np.pi * (strip.shift[:, : len(first.q)] @ first.q))
-    lossless = operator.matrix_of_wave(phase).tocsc() if damped.is_none else None
-    normal, other = damped.soften(omega)
+    parts = [operator.weigh(one, phase).tocsc() for one in (None, damped.losses, damped.times)[: 1 if damped.is_none else 3]]
     found = []
-    for place, frequency in enumerate(omega):
-        matrix = operator.matrix_of_wave(phase, normal[place], other[place]).tocsc() if lossless is None else lossless
-        found.append(_scatter(frequency**2, matrix, leads, ends, [one[place] for one in waves]))
+    for place, w in enumerate(omega):
+        matrix = sum(((-1j, -1j * w)[n] * one for n, one in enumerate(parts[1:])), parts[0])
+        found.append(_scatter(w**2, matrix, leads, ends, [one[place] for one in waves]))
     modes = np.array([one.shape for _, one in found])[:, ::-1]
     most = int(modes.max(initial=0))
     back, through = (np.zeros((len(at), most, most), complex) for _ in range(2))

@@ -23,7 +23,7 @@ from granphon.waves.dos import MOST_MOMENTS, AllModes, LocalDensity, RandomVecto
 from granphon.waves.modes import DENSE, NetworkModes, find_damped, find_modes, require_stable
 from granphon.waves.operator import WaveOperator, make_operator
 from granphon.waves.pulses import Pulse, PulseSource, transmit
-from granphon.waves.response import Response, find_response
+from granphon.waves.response import TOLERANCE, Response, find_response
 from granphon.waves.spectral_functions import PlaneWaves, SpectralFunction, nearest_wavevectors
 
 Array = NDArray[np.float64]
@@ -194,6 +194,7 @@ class Waves:
         self, frequencies: ArrayLike, source: Any, receiver: Any, damping: Any = 0.0, loss_factor: Any = 0.0, *,
         quantity: str = "displacement", direction: ArrayLike | None = None,
         polarisation: str | ArrayLike = "longitudinal", distance: float | None = None, method: str | None = None,
+        tolerance: float = TOLERANCE,
     ) -> Response:  # fmt: skip
         """Return complex amplitudes of balls while others, or a wall, are driven at given frequencies.
 
@@ -217,7 +218,8 @@ class Waves:
         direction : (1,) to (3,) across the planes; by default the first axis along which the network does not repeat, or x.
         polarisation : of "plane", along which it is driven and heard, as in :meth:`transmit`.
         distance : m, of the receiving plane from the first.
-        method : "direct", factors at each frequency; "krylov", for contacts that are all damped alike; None for the faster.
+        method : "direct", factors at each frequency; "krylov", a space for all of them; None for the faster.
+        tolerance : bound of the error, over the largest response at a frequency, with which a Krylov space is content.
 
         Raises
         ------
@@ -228,7 +230,7 @@ class Waves:
         """
         return find_response(
             self._stable_operator, frequencies, source, receiver, damping, loss_factor, quantity=quantity,
-            direction=direction, polarisation=polarisation, distance=distance, method=method,
+            direction=direction, polarisation=polarisation, distance=distance, method=method, tolerance=tolerance,
         )  # fmt: skip
 
     def damped_modes(

@@ -21,7 +21,7 @@ def test_parsed_data_and_lines() -> None:
     assert document.line(("b", "c")) == 3
     assert document.line(("b", "d e")) == 4
     assert document.line(("b", "missing")) == 2
-    assert str(document.error(("b", "c"), "found it.")) == "t.yaml:3: b.c: found it"
+    assert str(document.error(("b", "c"), "found it")) == "t.yaml:3: b.c: found it."
 
 
 @pytest.fixture(params=["libyaml", "Python"])

@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.base.errors import InputError
+from granphon.dynamics.contact_lattice import ContactLattice
 from tests.networks.twin import dynamical_matrix
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
@@ -137,18 +138,6 @@ def test_the_network_of_a_state_has_the_numbers_of_its_lattice(name, options, fi
             assert_allclose(found.elastic_tensor(), tensor, rtol=0.0, atol=1e-13 * np.max(tensor))
 
 
-@pytest.mark.parametrize(("name", "shape"), [("triangular", (3, 2)), ("fcc", (2, 1, 2)), ("chain", (5,))])
-def test_a_supercell_folds_the_bands_of_the_cell(name, shape):
-    cell = random_network(name, (1,) * len(shape))
-    one, many = gp.ContactLattice.from_network(cell), gp.ContactLattice.from_network(cell.repeat(shape))
-    q = np.random.default_rng(2).uniform(-1.0, 1.0, len(shape))
-    steps = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1).reshape(-1, len(shape))
-    unit = one.frequencies(one.wavevectors((steps + q) / shape))
-    found = many.frequencies(many.wavevectors(q[None]))[0]
-    ratio = cell.repeat(shape).scales.frequency / cell.scales.frequency
-    assert_allclose(ratio * found, np.sort(unit.ravel()), rtol=1e-12, atol=1e-14)
-
-
 # -- closed forms -------------------------------------------------------------------------------------------------------
 
 
@@ -181,6 +170,50 @@ def rock_salt(k, kappa, masses):
 
 
 # -- what is refused ----------------------------------------------------------------------------------------------------
+
+
+def test_a_mass_on_a_spring_in_each_ball_opens_a_gap():
+    """(4 k sin^2(q/2)/m + k_r/m - w^2)(k_r/m_r - w^2) = k_r^2/(m m_r): a gap from about k_r/m_r to k_r (1/m + 1/m_r)."""
+    k, spring, m, mass, none = 1e7, 2e4, 2e-3, 1e-3, np.zeros(2)
+    network = gp.ContactNetwork(
+        cell=np.diag([8e-3, 0, 0]), pbc=(True, False, False), dimension=1, motions="longitudinal",
+        positions=[[0, 0, 0], [1e-3, 0, 0]], radii=[4e-3, 1e-3], masses=[m, mass], inertias=[1e-8, 1e-10],
+        i=[0, 0], j=[0, 1], shift=[[1, 0, 0], [0, 0, 0]], normal=[[1, 0, 0], [1, 0, 0]], normal_force=[10.0, 0.0],
+        normal_stiffness=[k, spring], shear_stiffness=none, torsion_stiffness=none, bending_stiffness=none,
+        arm_i=[4e-3, 5e-4], arm_j=[4e-3, 5e-4],
+    )  # fmt: skip
+    phonons, at = gp.Phonons(network), np.linspace(0.0, 0.5, 11)
+    total, inner = 4 * k * np.sin(np.pi * at) ** 2 / m + spring / m, spring / mass
+    half = 0.5 * (total + inner)
+    upper = half + np.sqrt((0.5 * (total - inner)) ** 2 + inner * spring / m)
+    wanted = np.sqrt(np.stack([(total - spring / m) * inner / upper, upper], axis=1)) / (2 * np.pi)
+    assert_allclose(phonons.frequencies(at[:, None]), wanted, rtol=1e-11, atol=1e-9)
+    ends = np.sqrt([inner, inner + spring / m]) / (2 * np.pi)
+    assert_allclose(phonons.gaps(), [ends], rtol=1e-3)
+    assert_allclose(phonons.gaps()[0, 1], ends[1], rtol=1e-12)
+
+
+@pytest.mark.parametrize("force", [0.5, 0.05])
+def test_loose_balls_are_set_aside(force):
+    """Balls without a load, and rows of two that roll between others, are in no modulus, and stay behind in sound."""
+    steel = gp.Material(211.65e9, 0.276, 7840.0)
+    packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6))
+    sample = gp.DirectSimulation(packing, (8, 8), 0, geometry="lattice").at_force(force).sample
+    network, lattice = sample.network, ContactLattice.from_network(sample.network)
+    moduli, sound = gp.moduli(network), gp.sound_velocities(network, direction=(1, 0))
+    assert_allclose(moduli.tensor, sample.elastic_tensor, rtol=0.0, atol=1e-12 * np.max(moduli.tensor))
+    count = lattice.free_branches
+    assert count >= 3 * len(network.rattlers) > 0
+    slopes = lattice.frequencies([[1e-6, 0.0]])[0, count : count + 2] / 1e-6 * network.scales.velocity
+    assert_allclose(sound.velocities, slopes, rtol=1e-9)
+    for found in (moduli, sound):
+        assert any("not held" in one for one in found.warnings)
+    if force == 0.5:  # two rattlers of 64 balls
+        bare = gp.sound_velocities(network.without_rattlers(), direction=(1, 0))
+        assert_allclose(bare.velocities, sound.velocities, rtol=1e-5)
+    pulse = gp.pulse_velocities(network, 300.0, (1, 0))
+    assert np.all(pulse.group < [sound.longitudinal, sound.transverse])
+    assert np.all(pulse.group > 0.9 * np.array([sound.longitudinal, sound.transverse]))
 
 
 def test_networks_that_have_no_lattice_are_refused():

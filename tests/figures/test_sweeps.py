@@ -72,12 +72,17 @@ def test_other_combinations_of_parameters_are_lines_too(ax):
     dataset = sweep(PACKING, force=FORCE, media=("ema",), width=[1e-6, 2e-6], friction=[True, False], density=[7840.0])
     plot_sweep(dataset, ax, "transverse")
     assert len(drawn(ax, "transverse-all")) == 4
-    labels = ["W = 1 µm, with friction", "W = 1 µm, without friction", "W = 2 µm, with friction"]
-    assert texts(ax.get_legend())[:3] == labels
-    many = sweep(PACKING, force=[3.0], media=("ema",), width=np.linspace(1e-6, 2e-6, 30).tolist())
+    # widths have the colours, and what is with friction or without the shades
+    assert texts(ax.get_legend())[:4] == ["W = 1 µm", "W = 2 µm", "with friction", "without friction"]
+    many = sweep(PACKING, force=[3.0, 4.0], media=("ema",), width=np.linspace(1e-6, 2e-6, 30).tolist())
     *named, last = texts(plot_sweep(many, Figure().subplots()).get_legend())
     assert len(named) == 8
     assert re.fullmatch(r"8 of [0-9]+ are named", last)
+    # at one load alone they lie over the parameter
+    (line,) = [
+        one for one in plot_sweep(many.isel(load=[0]), Figure().subplots()).lines if one.get_gid() == "longitudinal-all"
+    ]
+    assert_array_equal(line.get_xydata(), np.stack([many["width"], many["longitudinal"][0, 0]], axis=1))
 
 
 @pytest.mark.parametrize(

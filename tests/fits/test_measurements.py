@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import re
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+import granphon as gp
 from granphon.balls.loads import force_of_frame
 from granphon.base.errors import InputError
+from granphon.fits.fit import convert_cutoff
 from granphon.fits.measurements import Measurements, read_sigma
 
 
@@ -149,3 +152,60 @@ def test_arrays_are_checked_and_frozen():
     for wrong in (([np.inf], [1.0]), ([1.0], [-1.0]), ([1.0], [1.0], 0.0), ([True], [1.0]), ([None], [1.0])):
         with pytest.raises(InputError):
             Measurements(*wrong)
+
+
+@pytest.mark.parametrize(("lattice", "length"), [("chain", np.pi), ("triangular", 2.0 * np.pi * 3.0**0.5 / 4.0)])
+def test_cutoffs_become_velocities_of_long_waves(tmp_path, steel, lattice, length):
+    """2 (k/M)^(1/2) on a chain, 6^(1/2) (k/M)^(1/2) from row to row of a triangular lattice without friction."""
+    packing = gp.Packing(steel, 8e-3, gp.Uniform(2e-6), lattice=lattice, friction=False)
+    carried = partial(convert_cutoff, packing, "longitudinal", None, False, ("width",))
+    data = read(tmp_path, "force (N),cutoff (kHz),cutoff_sigma (Hz)\n5,20,200\n10,24,120\n", carried=carried)
+    assert_allclose(data.velocity, length * 8e-3 * np.array([20e3, 24e3]), rtol=1e-9)
+    assert_allclose(data.sigma / data.velocity, [0.01, 0.005], rtol=1e-12)
+
+
+def test_the_cutoffs_of_a_medium_give_its_width(steel):
+    packing, force = gp.Packing(steel, 8e-3, gp.Uniform(2e-6)), np.geomspace(2.0, 20.0, 6)
+    states = gp.EffectiveMedium(packing).at_force(force)
+    edge = np.array([[0.5, 0.0]])  # M, where the longitudinal branch ends; bands of Phonons share no code with the fit
+    cutoffs = np.array([gp.Phonons(states[i]).modes(edge) for i in range(6)], object)
+    tops = [float(one.frequencies[0][np.argmax(one.longitudinal_fraction[0])]) for one in cutoffs]
+    velocity = convert_cutoff(packing, "longitudinal", (0, 1), False, ("width",), force, np.array(tops))
+    assert_allclose(gp.fit_width(packing, force, velocity, sigma=1.0).width, 2e-6, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("text", "fitted", "words"),
+    [
+        ("force (N),cutoff (kHz)\n5,20\n", ("diameter",), "the diameter is fitted"),
+        ("force (N),cutoff (kHz),frequency (kHz)\n5,20,6.5\n", (), "Leave the frequency out"),
+        ("force (N),cutoff (kHz),velocity (m/s)\n5,20,500\n", (), "both velocity and cutoff"),
+        ("force (N),cutoff (kHz)\n5,20\n", None, "Give carried"),
+    ],
+)
+def test_cutoffs_that_cannot_be_converted_are_refused(tmp_path, steel, text, fitted, words):
+    packing = gp.Packing(steel, 8e-3)
+    carried = None if fitted is None else partial(convert_cutoff, packing, "longitudinal", None, False, fitted)
+    with pytest.raises(InputError, match=words):
+        read(tmp_path, text, carried=carried)
+    if fitted == ():
+        with pytest.raises(InputError, match="no transverse wave"):
+            convert_cutoff(gp.Packing(steel, 8e-3, lattice="chain"), "transverse", None, False, (), np.ones(1), np.ones(1))
+
+
+MEASURED = sorted((Path(__file__).parents[2] / "examples" / "measured").glob("*.csv"))
+
+
+@pytest.mark.parametrize("table", MEASURED, ids=lambda path: path.stem)
+def test_measured_data_have_a_source_and_a_scene(table):
+    assert re.search(r"^# Source: \w", table.read_text(encoding="utf-8"), re.MULTILINE)
+    scene = gp.Scene.from_yaml(table.with_suffix(".yaml"))
+    frame = partial(force_of_frame, balls_per_side=scene.load.balls_per_side or 1)
+    carried = partial(convert_cutoff, scene.packing, "longitudinal", None, False, ())
+    data = Measurements.read(table, frame=frame, carried=carried)
+    sigma = 0.01 * data.velocity if data.sigma is None else data.sigma
+    fit = gp.fit_width(
+        scene.packing, data.force, data.velocity, sigma, data.frequency, parameters=("young_modulus",),
+        direction=None if scene.direction is None else scene.directions[0],
+    )  # fmt: skip
+    assert 0.5 < fit.values[0] / scene.packing.material.young_modulus < 2.0

@@ -187,7 +187,7 @@ def test_a_simulation_has_a_summary_a_sample_and_a_figure(work, capsys, kind, va
 def test_spectra_of_a_simulation_say_what_they_are(work, capsys):
     text = SAMPLES + "observe: [bands, dos]\nphonopy: {band_points: 3, mesh: 4 4 1}\n"
     (work / "scene.yaml").write_text(text)
-    assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
+    assert main(["run", "scene.yaml", "-o", "out", "-q", "--no-figures"]) == 0
     told = "granphon: warning: bands and densities of states are those of a regular lattice with the mean stiffness"
     err = capsys.readouterr().err
     assert err.startswith(told)
@@ -331,26 +331,16 @@ def test_finite_overlap_and_bands_reach_a_sweep(work):
     assert set(json.loads(result.dataset.attrs["versions"])) == set(summary("out")["versions"])
 
 
-def test_parameters_that_make_no_figure_of_lines_have_none(work, capsys):
-    text = SWEEP.replace("sweep: {", "sweep: {friction: [true, false], ")
-    scene = Scene.from_text(text)
-    assert expected_files(scene) == ("scene.yaml", "summary.yaml", "sweep.nc", "sweep.csv")
-    scene.run("out")
-    assert listed(work / "out") == NUMBERS
-    (work / "scene.yaml").write_text(text)
-    said = "sweep.png: its lines show one parameter, and friction and width vary; sweep.csv has the numbers"
-    said += ", and granphon plot --x width draws them"
-    for words, heading, told in (
-        (["check", "scene.yaml"], "will not draw", True),
-        (["run", "scene.yaml", "-o", "drawn"], "not drawn", True),
-        (["run", "scene.yaml", "-o", "numbers", "--no-figures"], "not drawn", False),
-    ):
-        assert main(words) == 0
-        lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
-        assert (f"{heading} {said}" in lines) == told
-    one = Scene.from_text(text.replace("[true, false]", "[true]"))
-    assert "sweep.png" in expected_files(one)
-    assert "sweep.png" not in expected_files(one, figures=False)
+def test_a_sweep_over_two_parameters_has_a_figure_of_both(work):
+    result = Scene.from_text(SWEEP.replace("sweep: {", "sweep: {friction: [true, false], ")).run("out")
+    assert "sweep.png" in listed(work / "out")
+    texts = [text.get_text() for text in gp.plot(result).legends[0].get_texts()]
+    assert sum("W = 1 µm" in text for text in texts) == sum("without friction" in text for text in texts) == 2
+    # at one load the parameter in numbers is the axis
+    one = result.dataset.isel(load=[0], medium=[0])
+    (above, *_) = gp.plot(one).axes
+    width = max((line.get_xdata() for line in above.lines), key=len)
+    np.testing.assert_allclose(width, one["width"].values, rtol=1e-12)
 
 
 def test_many_measured_diameters_are_kept_with_the_result(work):
@@ -580,7 +570,7 @@ def test_an_interruption_while_workers_come_and_go(work, monkeypatch, capsys, mo
         os.kill(os.getpid(), signal.SIGTERM)
 
     monkeypatch.setattr(f"multiprocessing.process.BaseProcess.{name}", signalled)
-    assert main(["run", "scene.yaml", "-o", "out", "--workers", "2"]) == 130
+    assert main(["run", "scene.yaml", "-o", "out", "--workers", "2", "--no-figures"]) == 130
     assert not multiprocessing.active_children()
     assert not signal.pthread_sigmask(signal.SIG_BLOCK, ()) & {signal.SIGINT, signal.SIGTERM}
     assert signal.getsignal(signal.SIGTERM) is before
@@ -618,8 +608,8 @@ def test_a_file_that_is_missing_is_named(work, whole, capsys):
         assert main(["run", "scene.yaml", "-o", "out", *option]) == 1
         err = capsys.readouterr().err
         assert "sweep.png, but not sweep.csv, which granphon wrote there too. An existing result" in err
-    assert main(["run", "scene.yaml", "-o", "out", "--resume", "--force", "-q"]) == 0
-    assert listed(work / "out") == ALL
+    assert main(["run", "scene.yaml", "-o", "out", "--resume", "--force", "-q", "--no-figures"]) == 0
+    assert listed(work / "out") == NUMBERS
     assert main(["run", "scene.yaml", "-o", "out"]) == 1
     assert "but not" not in capsys.readouterr().err
 
@@ -998,7 +988,7 @@ def test_plot_draws_a_sweep_again(work, whole, capsys):
 
 def test_only_a_data_set_has_variables(work, capsys):
     (work / "scene.yaml").write_text(ONE + "observe: [dos]\nphonopy: {mesh: 4 4 1}\n")
-    assert main(["run", "scene.yaml", "-o", "out", "-q"]) == 0
+    assert main(["run", "scene.yaml", "-o", "out", "-q", "--no-figures"]) == 0
     assert main(["plot", "out", "--variable", "bulk", "-o", "bulk.svg"]) == 0
     (work / "alone").mkdir()
     (work / "out" / "dos.csv").rename(work / "alone" / "dos.csv")

@@ -16,16 +16,11 @@ N, FRAMES, SPACING, V = 12, 801, 1e-3, 3.0
 
 def make(displacements=None, forces=None):
     """A motion of balls 2 m apart along x, with contacts between neighbours."""
-    times, still = np.linspace(0.0, 1.0, FRAMES), np.zeros((FRAMES, N, 3))
-    sites, zero = np.zeros((N, 3)), np.zeros(FRAMES)
-    sites[:, 0] = 2.0 * np.arange(N)
-    ends = np.arange(N - 1)
+    times, still, zero = np.linspace(0.0, 1.0, FRAMES), np.zeros((FRAMES, N, 3)), np.zeros(FRAMES)
+    chain = gp.Crystal.on("chain", [gp.Ball(gp.Material(1e9, 0.3, 1e3), 2.0)]).at_force(1.0).network.cut(0, N)
     moved = still if displacements is None else displacements(times)
-    pushed = np.zeros((FRAMES, N - 1)) if forces is None else forces(times[:, None], sites[1:, 0] - 1.0)
-    return gp.Motion(
-        times, moved, still, still, still, pushed, 0.0 * pushed, zero, zero, zero, zero, zero, sites, ends, ends + 1,
-        sites[1:] - [1.0, 0.0, 0.0], 1e-4,
-    )  # fmt: skip
+    pushed = np.zeros((FRAMES, N - 1)) if forces is None else forces(times[:, None], chain.positions[1:, 0] - 1.0)
+    return gp.Motion(times, moved, still, still, still, pushed, 0.0 * pushed, zero, zero, zero, zero, zero, 1e-4, chain)
 
 
 def test_peaks_and_velocities_of_a_pulse():

@@ -119,7 +119,7 @@ def test_balls_that_meet():
     waves, start = meeting()
     motion = waves.run(0.03 * D / 2.0, **start, frames=1201)
     assert motion.forces.shape[1] == 3
-    assert (motion.i[2], motion.j[2]) == (0, 2)
+    assert motion.met.tolist() == [[0, 2]]
     assert_allclose(motion.peaks()[1][2], C * (1.25 * 0.5 * MASS / C * 2.0**2) ** 0.6, rtol=1e-4)
     assert_allclose(motion.velocities[-1, :, 0], [2.0, 0.0, 0.0], atol=1e-5)
     assert_allclose(motion.arrivals(1e-3)[2], 0.01 * D / 2.0, rtol=0.02)
@@ -145,7 +145,7 @@ def test_a_ball_that_falls_on_a_floor_bounces():
     highest = int(np.argmax(motion.displacements[:, 0, 0]))
     assert_allclose(motion.displacements[highest, 0, 0], 0.02**2 / (2.0 * 9.81), rtol=1e-4)
     assert_allclose(motion.arrivals(0.01)[0], 2.0 * 0.02 / 9.81, rtol=0.02)
-    assert_allclose(motion.velocities[-1, 0, 0], 0.8 * 0.02, rtol=0.02)
+    assert_allclose(motion.velocities[-1, 0, 0], 0.8 * 0.02, rtol=0.05)
 
 
 @pytest.mark.parametrize("law", [gp.JKR(0.1), gp.DMT(0.1)])

@@ -1,0 +1,105 @@
+"""Figures of balls in motion: what they show is that of the motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import granphon as gp
+from granphon.base.errors import InputError
+from granphon.figures.motions import (
+    motion_figure,
+    plot_ball_spectrum,
+    plot_energies,
+    plot_harmonics,
+    plot_motion,
+    plot_snapshot,
+)
+
+STEEL = gp.Material(211.65e9, 0.276, 7840.0)
+
+
+def hit(network, ball, velocity, duration, **options):
+    velocities = np.zeros((network.n_balls, 3))
+    velocities[ball] = velocity
+    return gp.NonlinearWaves(network, **options).run(duration, velocities=velocities, frames=41)
+
+
+@pytest.fixture(scope="module")
+def chain():
+    packing = gp.Packing(STEEL, diameter=8e-3, lattice="chain", motions="longitudinal")
+    return hit(gp.AveragedLattice(packing).at_force(1.0).network.cut(0, 12), 0, [0.1, 0.0, 0.0], 2e-4)
+
+
+@pytest.fixture(scope="module")
+def array():
+    network = (
+        gp.AveragedLattice(gp.Packing(STEEL, diameter=8e-3))
+        .at_force(5.0)
+        .network.repeat((5, 1))
+        .cut(1, 4, ("floor", "free"))
+    )
+    return hit(network, 2, [0.0, 0.1, 0.0], 4e-5, friction_coefficient=0.3)
+
+
+@pytest.fixture(scope="module")
+def grains():
+    network = gp.AveragedLattice(gp.Packing(STEEL, diameter=8e-3, lattice="fcc")).at_force(5.0).network.repeat((2, 2, 2))
+    return hit(network, 0, [0.1, 0.0, 0.0], 2e-5)
+
+
+def test_maps_have_a_column_for_each_ball_or_contact_of_a_chain(chain, ax):
+    plot_motion(chain, ax)
+    assert_allclose(ax.collections[0].get_array(), 1e3 * chain.velocities[:, :, 0])
+    ax.clear()
+    plot_motion(chain, ax, show="forces")
+    assert_allclose(ax.collections[0].get_array(), chain.forces - chain.forces[0])
+    assert ax.get_xlabel() == "x (mm)"
+    with pytest.raises(InputError, match="velocities or forces"):
+        plot_motion(chain, ax, show="spins")
+
+
+def test_maps_of_an_array_are_means_over_layers(array, ax):
+    plot_motion(array, ax)
+    wanted = 1e3 * array.velocities[:, :-1, 1].reshape(41, 4, 5).mean(axis=2)  # the floor is no ball
+    assert_allclose(ax.collections[0].get_array(), wanted, atol=1e-12)
+    assert ax.get_xlabel() == "y (mm)"
+
+
+def test_energies_add_up(array, ax):
+    plot_energies(array, ax)
+    total = sum(np.array(line.get_ydata()) for line in ax.lines)
+    assert_allclose(total / total[0], 1.0, rtol=1e-3)
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["translation", "rotation", "contacts", "lost"]
+
+
+def test_snapshots_colour_each_ball_by_its_speed(array, grains, ax):
+    plot_snapshot(array, ax, 10)
+    assert_allclose(ax.collections[0].get_array(), 1e3 * np.linalg.norm(array.velocities[10, :-1], axis=1))
+    ax.clear()
+    plot_snapshot(grains, ax)
+    assert len(ax.collections[0].get_array()) == 8
+    with pytest.raises(InputError, match="no frame 41"):
+        plot_snapshot(array, ax, 41)
+
+
+def test_spectra_and_harmonics_are_those_of_the_motion(chain, ax):
+    plot_ball_spectrum(chain, ax, 3)
+    frequencies, amplitudes = chain.spectrum(3)
+    x, y = ax.lines[0].get_data()
+    assert_allclose(x[1] / x[2], frequencies[1] / frequencies[2])
+    assert_allclose(y / y.max(), amplitudes / amplitudes.max(), atol=1e-8)
+    ax.clear()
+    plot_harmonics(chain, ax, 1e4, count=2, periods=2)
+    assert len(ax.lines) == 2
+    found = np.abs(chain.harmonics(1e4, 2, 0, 2))
+    assert_allclose(ax.lines[1].get_ydata() / ax.lines[0].get_ydata(), found[1] / found[0])
+
+
+@pytest.mark.parametrize(("name", "panels"), [("chain", 2), ("array", 4), ("grains", 4)])
+def test_the_figure_of_a_motion(name, panels, request):
+    motion = request.getfixturevalue(name)
+    drawn = [ax for ax in gp.plot(motion).axes if ax.get_label() != "<colorbar>"]
+    assert len(drawn) == panels
+    assert len(motion_figure(motion, show="forces").axes) == 3
