@@ -124,7 +124,7 @@ def read_records(
             for key, variable in file.variables.items():
                 values: Any = variable[frames if variable.dimensions[:1] == ("time",) else ()]
                 out[key] = np.array(values, float)
-            return out, {key: value.decode() for key, value in file._attributes.items()}
+            return out, {key: value.decode() for key, value in vars(file)["_attributes"].items()}
     except FileNotFoundError:
         raise MissingFileError(f"there is no file {name}") from None
     except (OSError, TypeError, ValueError, KeyError, AttributeError, struct.error) as error:

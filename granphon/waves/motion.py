@@ -51,7 +51,8 @@ class Motion(Result):
     }  # fmt: skip
     _shapes = {
         "times": "f", "displacements": "f n 3", "velocities": "f n 3", "rotations": "f n 3", "spins": "f n 3",
-        "forces": "f c", "shears": "f c", "met": "m 2", "translation": "f", "rotation": "f", "stored": "f", "lost": "f", "work": "f",
+        "forces": "f c", "shears": "f c", "met": "m 2", "translation": "f", "rotation": "f", "stored": "f", "lost": "f",
+        "work": "f",
     }  # fmt: skip
 
     times: Array
