@@ -23,6 +23,7 @@ _PICTURES: dict[str, tuple[str, str, str, float]] = {
     "granphon.Bands": ("bands", "bands_figure", "bands", 0.0),
     "granphon.DensityOfStates": ("bands", "bands_figure", "dos", 0.0),
     "granphon.WidthFit": ("curves", "fit_figure", "fit", 0.0),
+    "granphon.DampingFit": ("transfer", "transfer_fit_figure", "fit", 0.0),
     "granphon.TradeOff": ("work_precision", "tradeoff_figure", "result", 0.0),
     "granphon.PathSpectra": ("waves", "spectrum_figure", "spectra", 0.0),
     "granphon.SpectralFunction": ("waves", "plot_lines", "spectrum", 2.6),

@@ -17,7 +17,7 @@ from granphon.base.errors import InputError, MechanismError
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
 from granphon.figures.style import colour_kinds
-from granphon.media.choice import EVERY_MEDIUM, MediumChoice
+from granphon.media.choice import MediumChoice, find_medium
 from granphon.media.state import NetworkState
 from granphon.networks.network import given_network
 from granphon.observables.validity import find_warnings
@@ -137,7 +137,7 @@ def describe_page(
     for choice in list(dict.fromkeys(media)) or [MediumChoice("ala")]:
         serving = choice.choose(packing, load.applied.flat[np.zeros(1, int)])[0].medium
         if serving != choice:
-            words = f"{EVERY_MEDIUM[serving.name].words} ({serving.label})"
+            words = f"{find_medium(serving.name).words} ({serving.label})"
             notes.append(f"At the first load the medium {choice.label} takes the {words}; the page keeps it at all loads.")
         chosen.append(serving)
     for value in (

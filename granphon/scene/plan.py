@@ -336,6 +336,7 @@ class Plan:
             surface=self.surface if "surface" in self.observe else None,
             bands=self.bands if "bands" in self.observe else None,
             sound=sound or not {"bands", "dos", "surface", *NETWORK_BLOCKS} & set(self.observe), alone=self.is_single,
+            observed=tuple(name for name in self.observe if name not in rules.OBSERVABLES),
         )  # fmt: skip
         return Grid(self.packing, self.axes, self.media, self.load.applied.flat, asked)
 
