@@ -56,7 +56,7 @@ from granphon.cli.commands import app
 from granphon.cli.commands import main as granphon
 from granphon.fits.fit import FIT_FILES
 from granphon.media.choice import MEDIA
-from granphon.media.sampled_balls import DEFAULT_SHAPES
+from granphon.media.simulation import DEFAULT_SHAPES
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE
 from granphon.runs.dataset import load_sweep

@@ -10,7 +10,7 @@ from granphon.balls.packing import Packing
 from granphon.base.quantities import load_quantities
 from granphon.base.scales import write_quantity
 from granphon.media.choice import find_medium
-from granphon.media.sampled_balls import DEFAULT_SHAPES
+from granphon.media.simulation import DEFAULT_SHAPES
 
 #: a space at which no line ends
 _NO_BREAK = "\u00a0"

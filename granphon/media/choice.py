@@ -31,8 +31,7 @@ from granphon.media.friction_history import HISTORY_OPTIONS, REFERENCE_OPTIONS, 
 from granphon.media.left_out import EXACT, LATTICE, expect_shear_deficit, find_left_out
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
 from granphon.media.medium import MediumBase, Option
-from granphon.media.sampled_balls import DEFAULT_SHAPES, read_cells
-from granphon.media.simulation import DirectSimulation, no_finite_overlap
+from granphon.media.simulation import DEFAULT_SHAPES, DirectSimulation, no_finite_overlap, read_cells
 from granphon.media.state import ContactState, read_finite_overlap
 
 Array = NDArray[np.float64]

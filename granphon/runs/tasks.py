@@ -42,8 +42,7 @@ from granphon.media.choice import MediumChoice, ServingMedium
 from granphon.media.cost import estimate
 from granphon.media.equilibria import sort_by_load
 from granphon.media.limits import Check
-from granphon.media.sampled_state import HISTORY_UNITS
-from granphon.media.simulation import DirectSimulation, SimulatedState
+from granphon.media.simulation import HISTORY_UNITS, DirectSimulation, SimulatedState
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import Analysis, find_all, warn_of_missing_error
 from granphon.observables.velocities import warn_of_free_branches

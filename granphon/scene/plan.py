@@ -274,6 +274,11 @@ class Plan:
         if self.surface is not None and "surface" in seen:
             axis = self.surface.axis if isinstance(self.surface.axis, int) else " ".join(map(str, self.surface.axis))
             rows.append(("surface", f"axis {axis}, {self.surface.edge}", ""))
+        if self.response is not None and "response" in seen:
+            of, places = self.response, (("source", self.response.source), ("receiver", self.response.receiver))
+            rows += [("response", of.quantity, ""), ("frequencies of the response", of.frequencies, "Hz")]
+            rows += [(name, ", ".join(texts), "") for name, texts in places]
+            rows += [("damping of contacts", of.damping, "s"), ("loss factor of contacts", of.loss_factor, "")]
         rows += [("mesh", " x ".join(map(str, self.mesh)), "")] * ("dos" in seen)
         return [row for row in rows if row[1] is not None]
 
