@@ -7,7 +7,7 @@ elements. It need not have any order. Waves in it are found by :class:`granphon.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, Self
@@ -21,11 +21,12 @@ from granphon.balls.lattices import Lattice
 from granphon.balls.layers import Layers, find_axes, find_faces, read_edges
 from granphon.balls.material import Material
 from granphon.balls.motions import Motions, allowed_motions, select_motions
-from granphon.base.errors import InputError, brief
+from granphon.base.errors import GranphonError, InputError, brief
+from granphon.base.registry import Registry
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
-from granphon.base.validation import label, lengths, real_array, require, text_list, truth, whole_number
+from granphon.base.validation import choice, label, lengths, real_array, require, text_list, truth, whole_number
 from granphon.networks.building import LARGEST, MOST_STEPS, read_whole_numbers
 
 Array = NDArray[np.float64]
@@ -233,7 +234,7 @@ class ContactNetwork(Result):
 
     @cached_property
     def vector(self) -> Array:
-        """(n_c, 3) from the centre of ball i to that of ball j, m."""
+        """(n_c, 3) from the centre of ball i to the centre of ball j, m."""
         return read_only(self.positions[self.j] + self.shift @ self.cell - self.positions[self.i])
 
     @cached_property
@@ -436,9 +437,9 @@ class ContactNetwork(Result):
         from a plane, z from space, x from a chain. If need be the network is turned, so that the periods that are left lie
         along x or in the xy plane.
 
-        Raises :class:`~granphon.base.errors.InputError` for an axis that is no period, for so few layers that some contacts
-        reach across all of them, if layers do not hang together, and if no ball is left that moves, or one that a clamp
-        holds touches none of those.
+        Raises :class:`~granphon.base.errors.InputError` for an axis that is no period, for so few layers that a contact
+        reaches across all of them, if layers are not connected, if no ball can move, and if a clamped ball touches no ball
+        that moves.
         """
         count, words = whole_number("layers", layers, 1, MOST_CELLS), read_edges(edges)
         periods, n, d = np.flatnonzero(self.pbc), self.n_balls, self.dimension
@@ -608,9 +609,9 @@ class ContactNetwork(Result):
         without a potential is left out, and LAMMPS computes slip with the radii. Contacts with walls are not in ``compute
         pair/local``, and are missing.
 
-        A force that is more than ten times that of Hertz's law at the overlap of its balls, or less than a tenth, is an
-        :class:`~granphon.base.errors.InconsistencyWarning`; what the digits of the file leave open, and contacts below a
-        thousandth of the mean force, do not count.
+        If a force is more than ten times Hertz's force at the overlap of its balls, or less than a tenth, there is an
+        :class:`~granphon.base.errors.InconsistencyWarning`. Rounding in the file, and contacts below a thousandth of the
+        mean force, do not count.
 
         Raises
         ------
@@ -623,6 +624,29 @@ class ContactNetwork(Result):
         fields = source.complete(material, friction, dimension, motions, prestress)
         return cls(**fields)._leave_out(keep_rattlers, held_by)
 
+    @classmethod
+    def read(cls, program: str, *files: Any, **options: Any) -> ContactNetwork:
+        """Return the network in the ``files`` of a program, by the reader of this name.
+
+        "tables" is :meth:`from_table`, "lammps" :meth:`from_lammps`; others are those of
+        :func:`~granphon.register_reader`. ``options`` are the reader's.
+
+        Raises :class:`~granphon.base.errors.InputError` for a name without a reader, for what the reader refuses, and where
+        it fails: the message names it.
+        """
+        reader = READERS[require("program", partial(choice, options=READERS), program)]
+        try:
+            found: Any = reader(*files, **options)
+        except GranphonError:
+            raise
+        except Exception as error:
+            what = f"{READERS.describe(program)} fails: {type(error).__name__}: {error}"
+            raise InputError(what, mend="Mend it, or the files") from error
+        if not isinstance(found, ContactNetwork):
+            what = f"{READERS.describe(program)} returns {brief(found)}"
+            raise InputError(what, mend="Let it return a granphon.ContactNetwork, as from_table makes one")
+        return found
+
     def _leave_out(self, keep_rattlers: bool, held_by: int | None) -> Self:
         return self if require("keep_rattlers", truth, keep_rattlers) else self.without_rattlers(held_by)
 
@@ -634,6 +658,24 @@ class ContactNetwork(Result):
         from granphon.networks.tables import write_tables
 
         write_tables(vars(self), balls, contacts)
+
+
+#: what reads the files of other programs, by the name of the program
+READERS: Registry[Callable[..., ContactNetwork]] = Registry("reader")
+READERS.own("tables", ContactNetwork.from_table)
+READERS.own("lammps", ContactNetwork.from_lammps)
+
+
+def register_reader(name: str, read: Callable[..., ContactNetwork]) -> Callable[..., ContactNetwork]:
+    """Make the reader of another program's contacts known by a name, to :meth:`ContactNetwork.read`.
+
+    ``read`` takes the paths of files, and options, and returns a :class:`~granphon.ContactNetwork`, as
+    :meth:`ContactNetwork.from_table` makes one of arrays in SI. Returns it. Raises
+    :class:`~granphon.base.errors.InputError` for what cannot be called, and for a name that is taken.
+    """
+    if not callable(read):
+        raise InputError(f"{brief(read)} reads no files", mend="Give a function of paths")
+    return READERS.add(name, read)
 
 
 def given_network(source: Any) -> ContactNetwork:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import PARAMETERS
-from granphon.base.errors import InputError, InstabilityError, MechanismError
+from granphon.base.errors import InputError, InstabilityError, MechanismError, needing
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import LIGHT_VELOCITY, LOAD_KINDS, find_load_unit
 from granphon.base.tables import Heading, write_table
@@ -32,6 +32,7 @@ from granphon.dynamics.long_waves import voigt_names
 from granphon.media.arrangement import Balls
 from granphon.media.left_out import EXACT, LATTICE
 from granphon.observables.catalogue import CATALOGUE, Analysis, entry_of
+from granphon.runs.accessor import register_accessor
 from granphon.runs.execution import solve_all
 from granphon.runs.store import Store, TaskResult
 from granphon.runs.tasks import (
@@ -103,10 +104,6 @@ _ZERO_OR_ABOVE = {
 _VELOCITIES = {"longitudinal", "transverse", "transverse_slow", "transverse_fast", "twist"}
 #: variables that are infinite for equal balls, or where no error is known
 _MAY_BE_INFINITE = {"reduced_force", "reduced_spacing", "expected_error", "mean_free_path", "damped_quality"}
-#: variables that are nan where a warning says that they are not known
-_MAY_BE_UNKNOWN = {name for name, one in CATALOGUE.items() if one.cost in _OF_WAVES}
-#: standard errors, nan where they are not known
-_ERRORS = {name for name, one in CATALOGUE.items() if one.sampled} | {"exponent_error"}
 #: attributes that hold a JSON text, and its type
 _JSON = {"packing": dict, "media": list, "versions": dict, "warnings": list}
 _WORDS = {dict: "mapping", list: "list"}
@@ -173,7 +170,10 @@ def make_frame(grid: Grid) -> Dataset:
     limit, in units of 1/d without 2 pi, and ``labels`` (s + 1,) the names of the corners.
     :class:`~granphon.base.errors.InputError` if there is no such path.
     """
-    from xarray import Dataset
+    with needing("A data set"):
+        from xarray import Dataset
+
+        register_accessor()
 
     load, packing, asked = grid.load, grid.cases[0].packing, grid.asked
     finite = [one.has_finite_overlap(asked.finite_overlap) for one in grid.media]
@@ -241,7 +241,10 @@ def tabulate(
     packing: Packing, medium: str, force: Array, values: Mapping[str, Array], attributes: Mapping[str, Any]
 ) -> Dataset:
     """Return numbers of states of one medium over the contact force, each (n,), as a data set like that of a sweep."""
-    from xarray import Dataset
+    with needing("A data set"):
+        from xarray import Dataset
+
+        register_accessor()
 
     variables: dict[str, Any] = {
         name: (("load", "medium"), array[:, None], _list_attributes(name, array, packing)) for name, array in values.items()
@@ -412,8 +415,9 @@ def write_sweep(dataset: Dataset, path: Path) -> None:
 
 def netcdf_bytes(dataset: Dataset) -> bytes:
     """Return the bytes of a netCDF file of the data set, made in memory because HDF5 does not survive a full disk."""
-    from h5netcdf import File  # type: ignore[import-untyped]
-    from xarray.backends import H5NetCDFStore
+    with needing("A netCDF file"):
+        from h5netcdf import File  # type: ignore[import-untyped]
+        from xarray.backends import H5NetCDFStore
 
     stream = io.BytesIO()
     with File(stream, "w") as file:
@@ -514,6 +518,8 @@ def _require_sense(path: str | os.PathLike[str], dataset: Dataset) -> None:
             raise InputError(what, mend="Run the sweep again") from None
     # velocities that balls with some of the motions do not have are nan, and pressures that some lattices do not have
     lacking = not {"motions", "torsion", "bending", "lattice"}.isdisjoint(dataset.coords)
+    errors = {name for name, one in CATALOGUE.items() if one.sampled} | {"exponent_error"}  # nan where not known
+    unknown = {name for name, one in CATALOGUE.items() if one.cost in _OF_WAVES or CATALOGUE.is_added(name)}  # likewise
     for name in map(str, dataset.variables):
         values = dataset[name].values
         if name not in CATALOGUE or not CATALOGUE[name].unit or values.dtype.kind == "b":
@@ -529,11 +535,11 @@ def _require_sense(path: str | os.PathLike[str], dataset: Dataset) -> None:
                 good |= values == np.inf
             if name in _ABOVE_ZERO:
                 good, allowed = good & (values > 0.0), "above zero"
-            elif name in _ZERO_OR_ABOVE or name in _ERRORS:
+            elif name in _ZERO_OR_ABOVE or name in errors:
                 good, allowed = good & (values >= 0.0), "zero or above"
             if name in _VELOCITIES:
                 good, allowed = good & (values < LIGHT_VELOCITY), f"{allowed}, and below the velocity of light"
-            if name in _ERRORS | _MAY_BE_UNKNOWN:
+            if name in errors | unknown:
                 good |= np.isnan(values)
             wrong = None if np.all(good) else f"of which one is {values[~good].flat[0]:g}; allowed: {allowed}"
         if wrong is not None:
@@ -547,8 +553,11 @@ def open_bytes(data: bytes) -> Dataset:
     Raises ValueError if the file refers to other files or would fill the memory, and whatever HDF5, h5netcdf and xarray
     raise.
     """
-    import h5py
-    from xarray import open_dataset
+    with needing("A netCDF file"):
+        import h5py
+        from xarray import open_dataset
+
+        register_accessor()
 
     def check(_: str, item: Any) -> None:
         group = isinstance(item, h5py.Group)

@@ -112,10 +112,6 @@ _EXTENTS = (
     "time_of_flight", "coherent_fraction", "surface_velocity", "peak_frequency", "peak_quality",
     *(f"ioffe_regel_{name}" for name in POLARISATIONS),
 )  # fmt: skip
-#: what the summary of one state says of the waves in its samples, or at its edge, where it is known
-_OF_WAVES = [
-    name for name, one in CATALOGUE.items() if one.cost in ("pulse", "spectrum", "surface", "network") and not one.dims
-]
 
 
 def list_files(scene: Plan) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -261,7 +257,10 @@ class RunResult:
             out["pulse_distance"] = self.waves.pulse.distance
         if "response_phase" in self.dataset:
             out["peaks"] = self._list_peaks()
-        known = {name: self.dataset[name].item() for name in _OF_WAVES if name in self.dataset}
+        # of the waves in its samples, in its network or at its edge, what is known
+        costs = ("pulse", "spectrum", "surface", "network")
+        of_waves = [name for name, one in CATALOGUE.items() if one.cost in costs and not one.dims]
+        known = {name: self.dataset[name].item() for name in of_waves if name in self.dataset}
         return out | {name: value for name, value in known.items() if np.isfinite(value)}
 
     def _list_peaks(self) -> dict[str, list[dict[str, float]]]:
