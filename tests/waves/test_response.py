@@ -376,25 +376,12 @@ def test_reciprocity_power_and_the_sum_of_modes(strip):
 
 @pytest.mark.claim("response-lammps")
 def test_driven_array_of_lammps_has_the_amplitude_and_the_phase():
-    try:
-        lmp = packings.start()
-    except (ImportError, OSError) as error:
-        pytest.skip(f"LAMMPS cannot be loaded: {error}")
+    lmp = packings.start_or_skip()
     # linear springs and dashpots, pressed by 1e-5 of a diameter, in units of k, M and d
     count, ratio, c_n, c_t, press, force = 10, 0.7, 0.4, 0.3, 1e-5, 1e-8
     side = count * (1.0 - press)
-    lmp.commands_string(f"""
-        units lj
-        dimension 2
-        boundary p p p
-        atom_style sphere
-        atom_modify map array
-        newton off
-        comm_modify vel yes
-        region box block 0 {side!r} 0 {side!r} -1 1
-        create_box 1 box""")
     grid = np.stack(np.meshgrid(np.arange(count), np.arange(count), indexing="ij"), -1).reshape(-1, 2) * (1.0 - press)
-    lmp.create_atoms(100, list(range(1, 101)), [1] * 100, np.pad(grid, ((0, 0), (0, 1))).ravel().tolist())
+    packings.fill(lmp, f"block 0 {side!r} 0 {side!r} -1 1", np.pad(grid, ((0, 0), (0, 1))), units="lj")
     lmp.commands_string(f"""
         set group all diameter 1.0
         set group all mass 1.0
