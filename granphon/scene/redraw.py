@@ -87,8 +87,9 @@ def redraw(
         raise InputError(what, "Long waves are drawn beside bands only", "Leave asymptotes out")
     if variable is not None and not swept:
         raise InputError(f"{source} holds no sweep", "Only a sweep has variables to draw", "Leave variable out")
-    if swept and out is None and variable is None and "states" not in read_summary(source):  # of one state it has no line
-        kept = next((name for name in NETWORK_BLOCKS if name in there), "sweep")
+    block = next((name for name in NETWORK_BLOCKS if name in there), None)
+    if block and swept and out is None and variable is None and "states" not in read_summary(source):
+        kept = block  # a sweep of one state has no line
     kind = wave or (kept if swept else "fit" if fitted else "bands" if "band.yaml" in have else "dos")
     target = source / f"{kind}.png" if out is None else Path(out)
 
