@@ -107,6 +107,12 @@ SCENES = {
     "spectrum: {points: 3}\npulse: {frequency: 12 kHz, cycles: 2, distance: 50 mm}",
     "edge": "packing: {diameter: 8 mm, lattice: square}\nload: {force: 5 N}\nobserve: [surface]\n"
     "surface: {axis: 1, points: 3}",
+    **{
+        f"response_{of}": f"packing: {{diameter: 8 mm, lattice: chain}}\nload: {{force: {load}}}\nobserve: [response]\n"
+        f"response: {{frequencies: [1 kHz, 2 kHz, 3 kHz, 4 kHz, 5 kHz], source: plane, receiver: plane, quantity: {of}, "
+        "damping: 9 us, cut: {axis: 0, layers: 3, edges: floor free}}"
+        for of, load in (("displacement", "5 N"), ("velocity", "[5 N, 9 N]"), ("transmissibility", "5 N"))
+    },
     "crystals": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}, lattice: fcc}}\nload: {{force: [20 N, 40 N]}}\n"
     f"medium: {{{_CUBE}}}",
     "cube": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}, lattice: fcc}}\nload: {{force: 20 N}}\n"

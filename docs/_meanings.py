@@ -109,6 +109,8 @@ FILES = {
     "pulse.json": ("`pulse`", "what was sent and heard, ball by ball, as `gp.Pulse.from_dict` reads"),
     "pulse.csv": ("`pulse`", "over time: the force that was sent, the coherent signal, the rms of the speckle"),
     "pulse.png": ("`pulse`", "seismogram, and the coherent part beside the speckle"),
+    "response.csv": ("`response`", "magnitude and phase, a row for each state, frequency and place of the receiver"),
+    "response.png": ("`response`", "magnitude and phase over frequency; of six loads and more a map of load and frequency"),
     "forces.png": ("a simulation at one load", "force chains in the first sample, and how forces are distributed in all"),
     "sweep.nc": ("every run", "every state, as a data set for xarray (netCDF), see [below](#sweepnc-and-sweepcsv)"),
     "sweep.csv": ("every run", "the same as a table, without tensors and bands"),
@@ -142,6 +144,7 @@ FIELDS = {
     "units": "the unit of each number above",
     "sizes": "number of values of each dimension of a sweep",
     "states": "number of states of a sweep",
+    "peaks": "peaks of the response at each place of the receiver: frequency, height and Q, which is nan if not resolved",
     "frequency_Hz": "frequency",
     "total_per_Hz": "density of states of a ball",
     "translational_per_Hz": "the part of it that is translation",
@@ -238,6 +241,8 @@ SWEPT = {
     "voigt_row": "xx, yy, xy; in space xx, yy, zz, yz, xz, xy",
     "voigt_column": "xx, yy, xy; in space xx, yy, zz, yz, xz, xy",
     "polarisation": "polarisations of the spectra",
+    "response_frequency": "frequencies of the response",
+    "receiver": "places of the receiver",
 }
 ATTRIBUTES = {
     "format": "`granphon sweep`",
@@ -250,5 +255,5 @@ ATTRIBUTES = {
     "packing": "parameters of the packing that do not vary, as JSON",
     "bands": "corners of the path of the bands, as JSON",
     "labels": "labels of the corners of the path, as JSON",
-    "waves": "what is asked of the waves in arrays, and whether exponents are, as JSON",
+    "waves": "what is asked of the waves in arrays and networks, and whether exponents are, as JSON",
 }

@@ -38,6 +38,10 @@ _PICTURES: dict[str, tuple[str, str, str, float]] = {
     "granphon.SimulatedState": ("forces", "forces_figure", "state", 0.0),
     "xarray.Dataset": ("curves", "sweep_figure", "dataset", 0.0),
 }
+#: the same for what is found of the network of each state of a data set, by the block of the scene; and a variable by which
+#: it is known
+_OF_STATES = {"response": ("responses", "responses_figure", "dataset", 0.0)}
+_MARKS = {"response": "response_phase"}
 #: number of balls up to which so many cells of a network are drawn along each of one, two and three periods
 _FEW_BALLS, _CELLS = 8, (8, 4, 2)
 #: what these are called in messages
@@ -86,6 +90,8 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
             known, given = _PICTURES["granphon.Bands"], spectra
         elif dataset is not result and getattr(result, "surface", None) is not None:
             known, given = _PICTURES["granphon.SurfaceSpectrum"], {"spectrum": result.surface}
+        elif dataset["valid"].size == 1:  # of one state there is nothing to draw over the load
+            known = next((one for name, one in _OF_STATES.items() if _MARKS[name] in dataset), known)
     if known is None:
         known, given = _PICTURES["granphon.ContactNetwork"], _find_network(result)
     if not given or (kinds[0] == "xarray.Dataset" and dataset is None):
@@ -99,6 +105,13 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
         return _show(draw_alone(lambda own: draw(**given, ax=own, **options), known[3]))
     drawn = draw(**given, **options)
     return _show(drawn.get_figure() if "ax" in signature(draw).parameters else drawn)
+
+
+def draw_states(dataset: Any, block: str) -> Figure:
+    """Draw what is found of the network of each state of a data set, by the block of the scene that asks for it."""
+    module, name, _, _ = _OF_STATES[block]
+    figure: Figure = getattr(import_module(f"granphon.figures.{module}"), name)(dataset)
+    return figure
 
 
 def _find_network(result: Any) -> dict[str, Any]:

@@ -1,41 +1,74 @@
-"""Figures of responses in frequency: magnitude and phase, one above the other."""
+"""Figures of responses in frequency: magnitude in dB and phase, one above the other, and maps over the load."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
 
-from granphon.figures.scales import styled_figure
+from granphon.figures.scales import SPECTRUM, add_bar, add_legend, scale_axis, styled_figure
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
 
 from granphon.base.scales import HertzPrefix
-from granphon.figures.style import COLOURS, GUIDE, print_hertz
-from granphon.waves.response import QUANTITIES, Response
+from granphon.figures.curves import describe_lines, find_load
+from granphon.figures.style import COLOURS, GUIDE, pick_evenly, print_hertz
+from granphon.figures.waves import choose_states
+from granphon.figures.words import find_differing
+from granphon.observables.catalogue import CATALOGUE, axis_label
+from granphon.waves.response import Response
+from granphon.waves.settings import RESPONSES
 
+if TYPE_CHECKING:
+    from granphon.runs.dataset import Dataset
+
+
+Array = NDArray[np.float64]
 #: number of receivers up to which each has a colour and an entry of the legend
 _FEW = len(COLOURS)
-#: name of each quantity on an axis
-_NAMES = {"displacement": "Receptance", "velocity": "Mobility", "transmissibility": "Transmissibility"}
+#: number of loads from which on responses are drawn as maps, greatest number of maps or of places, and their depth, dB
+_LOADS, _PANELS, _DEPTH = 6, 4, 80.0
+
+
+def _label_decibels(name: str) -> str:
+    unit = CATALOGUE[name].unit
+    return f"{CATALOGUE[name].label} (dB{'' if unit == '1' else f' re 1 {unit}'})"
+
+
+def _find_decibels(magnitude: Array) -> Array:
+    """Return 20 log10 of magnitudes; nan of zero."""
+    return 20.0 * np.log10(np.where(magnitude > 0.0, magnitude, np.nan))
+
+
+def _draw_lines(
+    above: Axes, below: Axes, frequencies: Array, name: str, lines: Iterable[tuple[Array, Array, Any, float, str]]
+) -> None:
+    """Draw magnitude and phase over frequencies, Hz: (magnitude, phase, colour, width, label) of each line."""
+    prefix = HertzPrefix.for_top(float(frequencies[-1]))
+    f = frequencies / prefix.hertz
+    for magnitude, phase, colour, width, label in lines:
+        above.plot(f, _find_decibels(magnitude), color=colour, linewidth=width, label=label or None)
+        below.plot(f, phase / math.pi, color=colour, linewidth=width)
+    above.set(ylabel=_label_decibels(name))
+    below.set(xlabel=f"Frequency ({print_hertz(prefix)})", ylabel="Phase (π)", xlim=(f[0], f[-1] if len(f) > 1 else None))
 
 
 def plot_response(response: Response, above: Axes, below: Axes) -> tuple[Axes, Axes]:
-    """Draw magnitudes, on a logarithmic scale, and phases, in units of pi, of all receivers over frequency.
+    """Draw magnitudes, in dB over one SI unit, and phases, in units of pi, of all receivers over frequency.
 
     Of more than six receivers, those of a plane say, each is a thin grey line, and their mean is a strong one.
     """
-    prefix, count = HertzPrefix.for_top(float(response.frequencies[-1])), len(response.receivers)
-    f, few = response.frequencies / prefix.hertz, count <= _FEW
-    balls = zip(response.values.T, COLOURS if few else [GUIDE] * count, response.receivers, strict=False)
+    few = len(response.receivers) <= _FEW
+    balls = zip(response.values.T, COLOURS if few else [GUIDE] * len(response.receivers), response.receivers, strict=False)
     lines = [(values, colour, 1.2 if few else 0.4, f"ball {ball}" if few else "") for values, colour, ball in balls]
-    for values, colour, width, label in lines if few else [*lines, (response.coherent, COLOURS[0], 1.4, "mean")]:
-        above.plot(f, np.abs(values), color=colour, linewidth=width, label=label or None)
-        below.plot(f, np.unwrap(np.angle(values)) / math.pi, color=colour, linewidth=width)
-    unit = QUANTITIES[response.quantity]
-    above.set(yscale="log", ylabel=_NAMES[response.quantity] + ("" if unit == "1" else f" ({unit})"))
-    below.set(xlabel=f"Frequency ({print_hertz(prefix)})", ylabel="Phase (π)", xlim=(f[0], f[-1] if len(f) > 1 else None))
-    if count > 1:
+    lines += [] if few else [(response.coherent, COLOURS[0], 1.4, "mean")]
+    shown = ((np.abs(one), np.unwrap(np.angle(one)), *style) for one, *style in lines)
+    _draw_lines(above, below, response.frequencies, RESPONSES[response.quantity], shown)
+    if len(response.receivers) > 1:
         above.legend()
     return above, below
 
@@ -45,4 +78,80 @@ def response_figure(response: Response) -> Figure:
     with styled_figure(3.6) as figure:
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
         plot_response(response, above, below)
+    return figure
+
+
+def responses_figure(dataset: Dataset) -> Figure:
+    """Draw the responses in a data set of states, one column wide.
+
+    Of one state they are magnitude and phase of each receiver. Of several states magnitude and phase are drawn for each
+    receiver, a state in each colour; of six loads and more the magnitude is a map over load and frequency, for each
+    receiver and each medium and combination of parameters. Of more than eight states, and four
+    receivers or maps, so many are drawn, evenly taken, and the figure says so.
+
+    Raises :class:`~granphon.base.errors.InputError` if the data set has no responses.
+    """
+    name = next((one for one in RESPONSES.values() if one in dataset), "receptance")
+    states, handles = choose_states(dataset, name, "responses")
+    if dataset.sizes["load"] >= _LOADS:
+        return _map_figure(dataset, name)
+    places, f = dataset["receiver"].values.astype(str).tolist(), dataset["response_frequency"].values
+    chosen = pick_evenly(len(places), _FEW if len(states) == 1 else _PANELS)
+    with styled_figure(3.6 * (1 if len(states) == 1 else len(chosen))) as figure:
+        groups = [chosen] if len(states) == 1 else [[number] for number in chosen]
+        panels = figure.subplots(2 * len(groups), 1, squeeze=False, height_ratios=[1.6, 1.0] * len(groups))[:, 0]
+        for at, group in enumerate(groups):
+            above, below = panels[2 * at : 2 * at + 2]
+            above.sharex(below)
+            above.tick_params(labelbottom=False)
+            lines = [
+                (
+                    take(name)[:, number],
+                    take("response_phase")[:, number],
+                    COLOURS[row] if len(states) == 1 else colour,
+                    1.2,
+                    "",
+                )
+                for colour, take in states
+                for row, number in enumerate(group)
+            ]
+            _draw_lines(above, below, f, name, lines)
+            if len(states) > 1 and len(places) > 1:
+                above.set_title(places[group[0]])
+        if len(states) == 1:
+            told = zip(COLOURS, (places[number] for number in chosen), strict=False)
+            handles = [Line2D([], [], color=colour, label=place) for colour, place in told]
+        if len(chosen) < len(places):
+            handles.append(Line2D([], [], linestyle="none", label=f"{len(chosen)} of {len(places)} receivers are drawn"))
+        if len(handles) > 1:
+            add_legend(figure, handles, room=1)
+    return figure
+
+
+def _map_figure(dataset: Dataset, name: str) -> Figure:
+    load, prefix = find_load(dataset), HertzPrefix.for_top(float(dataset["response_frequency"].values[-1]))
+    order = np.argsort(dataset[load].values, kind="stable")
+    x, y = dataset[load].values[order], dataset["response_frequency"].values / prefix.hertz
+    lines, places = describe_lines(dataset, name), dataset["receiver"].values.astype(str).tolist()
+    kinds, _ = find_differing([facts for facts, _ in lines])
+    panels = [(facts, at, number) for facts, at in lines for number in range(len(places))]
+    chosen = pick_evenly(len(panels), _PANELS)
+    with styled_figure(0.3 + 2.7 * len(chosen)) as figure:
+        axes = figure.subplots(len(chosen), 1, squeeze=False, sharex=True)[:, 0]
+        for ax, (facts, at, number) in zip(axes, (panels[one] for one in chosen), strict=True):
+            shown = _find_decibels(dataset[name].isel(at | {"receiver": number}, missing_dims="ignore").values[order])
+            most = float(np.nanmax(shown))
+            mesh = ax.pcolormesh(
+                x, y, shown.T, shading="nearest", cmap=SPECTRUM, rasterized=True,
+                vmin=max(most - _DEPTH, float(np.nanmin(shown))), vmax=most,
+            )  # fmt: skip
+            add_bar(ax, mesh, _label_decibels(name))
+            ax.set(ylabel=f"Frequency ({print_hertz(prefix)})", ylim=(y[0], y[-1]))
+            told = [facts[kind] for kind in kinds] + [places[number]] * (len(places) > 1)
+            if told:
+                ax.text(0.02, 0.97, ", ".join(told), transform=ax.transAxes, va="top")
+        scale_axis(axes[-1], "x", x)
+        axes[-1].set(xlabel=axis_label(load, dataset[load].attrs.get("units")), xlim=(x[0], x[-1]))
+        if len(chosen) < len(panels):
+            axes[-1].set_title(f"{len(chosen)} of {len(panels)} maps are drawn")
     return figure

@@ -281,7 +281,7 @@ def sweep_dos_figure(dataset: Dataset) -> Figure:
     drawn, evenly taken, and the legend says of how many. Raises :class:`~granphon.base.errors.InputError` if the sweep has
     no densities of states.
     """
-    states, handles = _choose_states(dataset, "dos_total", "densities of states")
+    states, handles = choose_states(dataset, "dos_total", "densities of states of arrays")
     with styled_figure(2.8) as figure:
         names = ("dos_frequency", "dos_total", "dos_error")
         draw_densities(figure.subplots(), ((colour, "", *(take(name) for name in names)) for colour, take in states))
@@ -297,7 +297,7 @@ def sweep_spectra_figure(dataset: Dataset) -> Figure:
     both logarithmic, with bars of its standard error. Raises :class:`~granphon.base.errors.InputError` if the sweep has no
     spectra.
     """
-    states, handles = _choose_states(dataset, "line_frequency", "spectra")
+    states, handles = choose_states(dataset, "line_frequency", "spectra of arrays")
     count, unit = dataset.sizes["polarisation"], HertzPrefix.for_top(float(np.nanmax(dataset["line_frequency"].values)))
     with styled_figure(0.4 + 4.2 * count) as figure:
         panels = figure.subplots(2 * count, 1, squeeze=False, height_ratios=[1.2, 1.0] * count)[:, 0]
@@ -334,13 +334,13 @@ def sweep_spectra_figure(dataset: Dataset) -> Figure:
     return figure
 
 
-def _choose_states(dataset: Dataset, name: str, what: str) -> tuple[list[tuple[Any, Callable[..., Array]]], list[Line2D]]:
+def choose_states(dataset: Dataset, name: str, what: str) -> tuple[list[tuple[Any, Callable[..., Array]]], list[Line2D]]:
     """Return the states that are drawn, in order of load, and their legend; InputError if the sweep has no ``name``.
 
     Of each they are its colour, and what returns the values of a variable there, of a polarisation if it has several.
     """
     if name not in dataset:
-        raise InputError(f"the sweep has no {what} of arrays", mend="Draw another figure")
+        raise InputError(f"the sweep has no {what}", mend="Draw another figure")
     load = find_load(dataset)
     values, unit, lines, found = (
         dataset[load].values,

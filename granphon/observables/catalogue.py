@@ -25,8 +25,9 @@ from granphon.observables.velocities import Moduli, SoundVelocities, local_expon
 
 #: what must be worked out to find an observable: nothing beyond the packing; the state; the long waves of the state; its
 #: long waves at neighbouring loads, for which a simulation solves two more equilibria; a pulse through each sample, its
-#: spectral functions, or its density of states; bands, along a path that is given; or the waves of an edge
-CostClass = Literal["packing", "state", "velocities", "exponent", "pulse", "spectrum", "dos", "bands", "surface"]
+#: spectral functions, or its density of states; bands, along a path that is given; the waves of an edge; or the network
+#: of the state, as it answers to a drive
+CostClass = Literal["packing", "state", "velocities", "exponent", "pulse", "spectrum", "dos", "bands", "surface", "network"]
 
 
 @dataclass(frozen=True)
@@ -187,6 +188,11 @@ def _make_line_entry(name: str, unit: str, title: str, **more: Any) -> Observabl
 
 _OVER_SAMPLES = "standard error over samples of the"
 _LAYER = "of the layer taken one diameter thick"
+#: responses in frequency, with their units, and what they are
+_RESPONSES = (
+    ("receptance", "m/N", "displacement over the force"), ("mobility", "m/(N s)", "velocity over the force"),
+    ("transmissibility", "1", "displacement over that of a wall"),
+)  # fmt: skip
 #: parameters of packings over which sweeps run, each with its description; they are given, and need no function
 _PARAMETERS = {
     "young_modulus": "Young modulus of the material", "poisson_ratio": "Poisson ratio of the material",
@@ -333,6 +339,27 @@ _OBSERVABLES = (
     Observable(
         "surface_frequency", "Hz", "frequencies of the undamped waves of the edge along the path, nan beyond these",
         cost="surface", dims=("surface_point", "surface_wave"),
+    ),
+    *(
+        Observable(f"{name}{ending}", unit, f"{of}{title} at each frequency", cost="network", sampled=bool(ending),
+                   dims=("response_frequency", "receiver"))
+        for name, unit, title in _RESPONSES for ending, of in (("", "magnitude of the "), ("_error", f"{_OVER_SAMPLES} "))
+    ),
+    Observable(
+        "response_phase", "rad", "phase of the response, below zero where the receiver lags", cost="network",
+        dims=("response_frequency", "receiver"),
+    ),
+    Observable(
+        "peak_frequency", "Hz", "frequency of the highest peak of the response at the first receiver", cost="network",
+        told=True,
+    ),
+    *(
+        Observable(f"peak_{name}", unit, f"{title} at its highest peak, at the first receiver", cost="network", told=True)
+        for name, unit, title in _RESPONSES
+    ),
+    Observable(
+        "peak_quality", "1", "Q factor of that peak, of its width at half the square; nan if it is not resolved",
+        label="Q of the peak", cost="network", told=True,
     ),
     Observable("choice", "", "medium that the automatic medium chose"),
     Observable("expected_error", "1", "expected relative error of velocities and frequencies"),

@@ -56,10 +56,14 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 #: direction of the waves on a line, in the plane and in space, as files tell it
 _FIRST_AXES = ("(1)", "(1, 0)", "(1, 0, 0)")
-#: costs of the observables of the waves in simulated arrays, and at edges
-_OF_WAVES = ("pulse", "spectrum", "dos", "surface")
+#: costs of the observables of the waves in simulated arrays, at edges, and in networks
+_OF_WAVES = ("pulse", "spectrum", "dos", "surface", "network")
 #: attribute "format" of the netCDF file, by which a sweep is recognised
 FORMAT = "granphon sweep"
+#: dimensions of tables of waves besides those of states, by the name of the file
+_ROWS = {
+    "sweep_dos": ("node",), "sweep_spectra": ("polarisation", "wavevector"), "response": ("response_frequency", "receiver"),
+}  # fmt: skip
 #: name of the attribute with the sha256 digest of the numbers
 DIGEST = "granphon_sha256"
 #: attributes in which other programs log what they did; the digest leaves them out, as they change no number
@@ -223,6 +227,9 @@ def make_frame(grid: Grid) -> Dataset:
             labels = np.array(join_labels(waves.path, waves.labels))
             about = {"long_name": "corners of the path of the spectra"}
             variables["labels_of_path"] = ("corner_of_path", labels, about)
+        for one in waves.of_networks:
+            for name, (values, unit) in one.coordinates.items():
+                coordinates[name] = (name, np.array(values), {"units": unit} if unit else {})
     if asked.surface is not None:
         attrs["surface"] = to_json(asked.surface)
     if asked.finite_overlap and not all(one.is_exact for one in grid.media):
@@ -428,11 +435,12 @@ def _digest_numbers(dataset: Dataset) -> str:
 
 
 def write_waves(dataset: Dataset, path: Path) -> None:
-    """Write a table of the waves in simulated arrays, by the name of the file.
+    """Write a table of the waves in simulated arrays or in networks, by the name of the file.
 
-    sweep_dos.csv has a row for each state and frequency, sweep_spectra.csv one for each state, polarisation and wave vector.
+    sweep_dos.csv has a row for each state and frequency, sweep_spectra.csv one for each state, polarisation and wave vector,
+    and that of a block about networks one for each state and each of its coordinates.
     """
-    extra = ("node",) if path.name == "sweep_dos.csv" else ("polarisation", "wavevector")
+    extra = _ROWS[path.stem]
     dims = (*dataset["valid"].dims, *extra)
     whole = [one for one, data in dataset.data_vars.items() if set(extra[-1:]) <= set(data.dims) <= set(dims)]
     _write_rows(dataset, path, dims, [*(one for one in extra if one in dataset.coords), *whole])

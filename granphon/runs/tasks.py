@@ -156,8 +156,9 @@ class Case:
             at, periods = error.load_index, self.packing.structure.periods
             located = _name_task(self.label, error) if at is None else _name_load(self.label, self.load, at, error, periods)
             raise located from error
-        # lattices have no waves of their own here, and their exponents cost nothing
-        ideal = replace(self.asked, waves=None, exponents=True)
+        # lattices have no waves of their own here, but for those of networks, and their exponents cost nothing
+        networks = () if self.asked.waves is None else self.asked.waves.of_networks
+        ideal = replace(self.asked, waves=WaveSettings(of_networks=networks) if networks else None, exponents=True)
         return [
             MediumTask(
                 f"{self.label}: {serving.medium.label}" if serving.chosen_automatically else self.label,
@@ -203,6 +204,8 @@ class Case:
         """Return the variables of the only state; ``records`` are those of its samples, if it has any."""
         (task,) = self.media
         out = task.observe(analysis)
+        if not records:
+            return task.add_networks(out, analysis.state)
         return out if task.asked.waves is None else _add_waves(out, task, task.load, records)
 
     def restore(self, parts: Sequence[TaskResult]) -> SimulatedState:
@@ -358,9 +361,11 @@ class MediumTask:
         An error names its task and, if it is known, its load.
         """
         try:
-            return self.observe(Analysis(self.state(self.load), self.asked.direction))
+            analysis = Analysis(self.state(self.load), self.asked.direction)
+            out = self.observe(analysis)
         except GranphonError as error:
             raise self._locate(error) from error
+        return out if self.serving.arrays else self.add_networks(out, analysis.state)
 
     def observe(self, analysis: Analysis) -> TaskResult:
         """Return the variables of a state, with an axis of loads, and its "warnings"."""
@@ -404,6 +409,23 @@ class MediumTask:
             notes += [LATTICE_BANDS] * bool(state.n_samples)
         return found | {"warnings": _write_notes(notes)}
 
+    def add_networks(self, out: TaskResult, state: ContactState) -> TaskResult:
+        """Return ``out`` with what is asked of the network at each load, without samples; errors name the load."""
+        if self.asked.waves is None:
+            return out
+        from granphon.runs.wave_records import record_networks  # imported here: other runs do not need it
+
+        records, periods = list[SampleRecord](), self.serving.packing.structure.periods
+        for index in range(self.load.size):
+            try:
+                network = (state if state.is_single else state[index]).network
+                records.append(SampleRecord(of_waves=record_networks(network, self.asked.waves)))
+            except GranphonError as error:
+                if self.asked.alone:
+                    raise
+                raise _name_task(f"{self.where}, {self.load[index].describe(periods)}", error) from None
+        return _add_waves(out, self, self.load, records)
+
     def _locate(self, error: GranphonError) -> GranphonError:
         """Return an error whose message begins with the task and the load.
 
@@ -443,6 +465,8 @@ def _name_task(where: str, error: GranphonError) -> GranphonError:
 
 def _add_waves(out: TaskResult, task: MediumTask, load: Load, records: Sequence[SampleRecord]) -> TaskResult:
     """Return ``out`` with the means over samples of the waves at the loads of a task, and notes on what is not known.
+
+    A state without samples has one record at each load.
 
     An observable that is not known at some of the loads is nan there; one that is known at none is left out.
     """

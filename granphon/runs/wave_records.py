@@ -3,15 +3,15 @@
 :func:`require_waves` refuses what can be known to be impossible before anything is simulated.
 
 Of a sample, :func:`record_waves` keeps arrays by name. :func:`average_waves` makes of those of several samples at one load
-the observables that the catalogue lists under the costs "dos", "spectrum" and "pulse". What cannot be found in a state has
-no entry there, and a note says why.
+the observables that the catalogue lists under the costs "dos", "spectrum" and "pulse", and those of
+:mod:`granphon.runs.network_records`. What cannot be found in a state has no entry there, and a note says why.
 """
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +28,9 @@ from granphon.media.choice import ServingMedium
 from granphon.media.cost import find_typical_force
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.state import ContactState, ideal_lattice
+from granphon.networks.network import ContactNetwork
 from granphon.phonons.surfaces import SurfaceSpectrum
+from granphon.runs.network_records import RECORDS, Record
 from granphon.waves.chebyshev import Kernel
 from granphon.waves.dos import SpectralDensity
 from granphon.waves.operator import WaveOperator
@@ -45,7 +47,6 @@ from granphon.waves.spectral_functions import (
 from granphon.waves.waves import Waves
 
 Array = NDArray[Any]
-Record = Mapping[str, Array]
 #: what the names of whole results begin with
 _WHOLE = "whole."
 #: numbers of a pulse that are averaged, and what a pulse calls them
@@ -125,6 +126,15 @@ def record_waves(sample: Sample, wanted: WaveSettings, whole: bool = False) -> d
         out |= {"pulse_note": np.array(note), "pulse_echo": np.array(said)}
     if whole:
         out |= {_WHOLE + name: np.array(json.dumps(one.to_dict()).encode()) for name, one in results.items()}
+    return out | record_networks(sample.network, wanted)
+
+
+def record_networks(network: ContactNetwork, wanted: WaveSettings) -> dict[str, Array]:
+    """Find what is wanted of the network of a state or sample, and return what is averaged, in SI units by name."""
+    out = dict[str, Array]()
+    for one in wanted.of_networks:
+        record, _ = RECORDS[one.block]
+        out |= record(network, one)
     return out
 
 
@@ -250,6 +260,10 @@ def average_waves(records: Sequence[Record], wanted: WaveSettings) -> tuple[dict
             where = f" in {len(reasons)} of {len(records)} samples" if several else ""
             rest = ", and the mean is that of the others" if len(reasons) < len(records) else ""
             notes.append(f"the arrival of the pulse is not known{where}{rest}: {reasons[0]}")
+    for one in wanted.of_networks:
+        _, average = RECORDS[one.block]
+        means, said = average(records, one)
+        out, notes = out | means, notes + said
     return out, notes
 
 

@@ -33,6 +33,7 @@ from granphon.phonons.paths import BandPath, read_labels
 from granphon.scene import rules
 from granphon.scene.rules import PARTS, SCENE_SCHEMA, Context, Kind, choose_lattice, split_tensor, table_named
 from granphon.waves.settings import (
+    NETWORK_BLOCKS,
     POLARISATIONS,
     PulseSettings,
     SpectrumSettings,
@@ -71,12 +72,22 @@ def _load(kind: str, words: str) -> Field:
     return Field(f"load.{kind}", "load", rules.load_kind(kind), words, "one load is required")
 
 
-def _wave(key: str, words: str, default: str) -> Field:
-    """Return a field of the blocks about waves in a simulated array, or at an edge."""
+def _wave(key: str, words: str, default: str, kind: Kind | None = None) -> Field:
+    """Return a field of the blocks about waves in a simulated array, at an edge, or in a network."""
     name, own = key.split(".")
-    read = wave_rules(name)[own]
     place = f"waves.{key}" if name == "spectrum" else key  # a spectrum that is not observed is not written
-    return Field(key, place, Kind.plain(read, partial(write_setting, own)), words, default)
+    return Field(key, place, kind or Kind.plain(wave_rules(name)[own], partial(write_setting, own)), words, default)
+
+
+def _network(name: str) -> tuple[Field, Field]:
+    """Return the fields of a block about the network of a state that say how it is repeated and cut."""
+    return (
+        _wave(f"{name}.repeat", "cells of the network along each period", "one cell", rules.REPEAT),
+        _wave(
+            f"{name}.cut", "block `axis`, `layers`, `edges` of a strip, slab or column of the network, or a list", "none",
+            rules.CUT,
+        ),
+    )  # fmt: skip
 
 
 def _part(name: str, words: str, default: str = "", place: str = "", kind: Kind | None = None) -> Field:
@@ -201,6 +212,19 @@ FIELDS: tuple[Field, ...] = (
     _wave("surface.axis", "across the edge: the number of a vector of the cell, or Miller indices, as `1 1 0`", NEEDED),
     _wave("surface.edge", "`free`, `clamped` (the outer layer does not move) or `floor` (a plane touches it)", "`free`"),
     _wave("surface.points", "wave vectors between two corners of the path along the edge", "`31`"),
+    _wave("response.frequencies", "a list, or a range, ascending", NEEDED, rules.FREQUENCIES),
+    _wave("response.source", "what is driven: `plane`, or a ball and its direction, as `12 x`, or a list", NEEDED),
+    _wave("response.receiver", "what is heard, likewise; of `plane`, the last one, the mean over its balls", NEEDED),
+    _wave("response.damping", "viscosity of a contact over its stiffness; of normal and of other motion in a list", "`0 s`"),
+    _wave("response.loss_factor", "loss factor of a contact; of normal and of other motion in a list", "`0`"),
+    _wave(
+        "response.quantity", "`displacement` or `velocity` over force, or `transmissibility`: that of a wall that is moved",
+        "`displacement`",
+    ),
+    _wave("response.direction", "across the planes, Cartesian", "the first axis along which nothing repeats, or x"),
+    _wave("response.polarisation", "the way in which a plane is driven and heard", "`longitudinal`"),
+    _wave("response.distance", "of the receiving plane from the first one", "the last plane"),
+    *_network("response"),
     Field(
         "phonopy.dim", "dim", rules.grid_kind(("3 1 1", "3 3 1", "3 3 3"), 2, 100, 2),
         "cells of the supercell for force constants, along each period; `3 1 1` on a chain, `3 3 3` in space",
@@ -424,7 +448,7 @@ _ORDINARY = {"young_modulus": 1e10, "density": 1e3, "diameter": 1e-2}
 #: what an option of a medium may be that turns out to be wrong when it is carried out
 _ALLOWED = {"start": "a load that the balls bear without friction, or gas"}
 #: the blocks of a scene file about waves, with their classes
-_WAVES = {"surface": SurfaceSettings, "spectrum": SpectrumSettings, "pulse": PulseSettings}
+_WAVES = {"surface": SurfaceSettings, "spectrum": SpectrumSettings, "pulse": PulseSettings, **NETWORK_BLOCKS}
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,17 @@ from granphon.runs.tasks import Asked, Case, Grid, require_arrays
 from granphon.scene import rules
 from granphon.scene.file import SceneSource, scene_rule, write_blocks
 from granphon.scene.rules import Context
-from granphon.waves.settings import MOMENTS, READINGS, WAVES, PulseSettings, SpectrumSettings, SurfaceSettings, WaveSettings
+from granphon.waves.settings import (
+    MOMENTS,
+    NETWORK_BLOCKS,
+    READINGS,
+    WAVES,
+    PulseSettings,
+    ResponseSettings,
+    SpectrumSettings,
+    SurfaceSettings,
+    WaveSettings,
+)
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -156,6 +166,7 @@ class Plan:
     surface: SurfaceSettings | None = None
     spectrum: SpectrumSettings = _SPECTRUM
     pulse: PulseSettings | None = None
+    response: ResponseSettings | None = None
     source: Path | None = field(default=None, compare=False)
     #: document and file that the scene was read from; a copy made by ``replace`` has none, as its values may differ
     origin: SceneSource = field(default=SceneSource(), init=False, repr=False, compare=False)
@@ -202,14 +213,17 @@ class Plan:
 
     @cached_property
     def waves(self) -> WaveSettings | None:
-        """What is observed of the waves in arrays, where media simulate them; None for nothing."""
-        if not set(WAVES) & set(self.observe):
+        """What is observed of the waves in arrays, where media simulate them, and of networks; None for nothing."""
+        blocks = (getattr(self, name) for name in NETWORK_BLOCKS if name in self.observe)
+        networks = tuple(one for one in blocks if one is not None)
+        if not networks and not set(WAVES) & set(self.observe):
             return None
         spectrum = self.spectrum if "spectrum" in self.observe else None
         path = self.path if spectrum is not None else None
         way = (path.paths, path.names) if path is not None else ((), ())
         pulse = self.pulse if "pulse" in self.observe else None
-        return WaveSettings("dos" in self.observe, spectrum, *way, pulse, self.direction if pulse is not None else None)
+        along = self.direction if pulse is not None else None
+        return WaveSettings("dos" in self.observe, spectrum, *way, pulse, along, networks)
 
     @property
     def is_single(self) -> bool:
@@ -318,7 +332,7 @@ class Plan:
         asked = Asked(
             self.finite_overlap, path=path, direction=self.direction, waves=self.waves, exponents=sound,
             surface=self.surface if "surface" in self.observe else None,
-            sound=sound or not {"bands", "dos", "surface"} & set(self.observe), alone=self.is_single,
+            sound=sound or not {"bands", "dos", "surface", *NETWORK_BLOCKS} & set(self.observe), alone=self.is_single,
         )  # fmt: skip
         return Grid(self.packing, self.axes, self.media, self.load.applied.flat, asked)
 
@@ -417,11 +431,16 @@ class Plan:
         a hundred thousand balls take seconds.
         """
         wanted = self.waves
-        if wanted is None or (wanted.spectrum is None and wanted.pulse is None):
+        if wanted is None or (wanted.spectrum is None and wanted.pulse is None and not wanted.of_networks):
             return
-        from granphon.runs.wave_records import require_waves  # imported here: a scene without waves does not need it
+        from granphon.runs.network_records import require_network  # imported here: not all scenes need it
+        from granphon.runs.wave_records import require_waves
 
         for one in self.few:
+            for block in wanted.of_networks:
+                for key in block.of_network:
+                    with self.origin.at(block.block, key):
+                        require_network(one.serving_media, block, key, most)
             with self.origin.at("spectrum"):
                 require_waves(one.serving_media, replace(wanted, pulse=None), most)
             with self.origin.at("pulse"):
@@ -606,6 +625,10 @@ class Plan:
              "Make a scene of each."),
             ("pulse", self.pulse is None, "without a frequency", "pulse with a block 'pulse'",
              "Add a block such as pulse: {frequency: 6.5 kHz}."),
+            *((name, getattr(self, name) is None, "without its settings", f"{name} with a block '{name}'",
+               f"Add a block '{name}'.") for name in NETWORK_BLOCKS),
+            *((name, len({one.simulates for one in self.media}) > 1, "of lattices and of arrays",
+               f"{name} of one or the other", "Make a scene of each.") for name in NETWORK_BLOCKS),
             ("bands", branches, f"with a sweep over {' and '.join(branches)}",
              "velocities, as the branches differ in number or zone", "Make a scene of each."),
         ):  # fmt: skip

@@ -18,6 +18,7 @@ from granphon.scene.run import (
     draw_sweep,
     read_summary,
 )
+from granphon.waves.settings import NETWORK_BLOCKS
 
 if TYPE_CHECKING:
     from granphon.dynamics.contact_lattice import ContactLattice
@@ -29,8 +30,8 @@ _FORMATS = (".pdf", ".png", ".svg")
 _FIGURE = "comparison.png"
 #: the files of results that are drawn over the load, as bands, and as densities of states
 DRAWN = ("sweep.nc", "fit.yaml", "band.yaml", "dos.csv")
-#: the names of files that mean one figure of waves in the arrays of a sweep
-_OF_SWEEPS = {Path(name).stem for name in SWEEP_FIGURES}
+#: the names of files that mean one figure of waves in the arrays of a sweep, or in the networks of states
+_OF_SWEEPS = {*(Path(name).stem for name in SWEEP_FIGURES), *NETWORK_BLOCKS}
 
 
 def redraw(
@@ -80,13 +81,15 @@ def redraw(
         have = {}
     elif variable is None and stem not in _OF_SWEEPS and (spectra := {"band.yaml", "dos.csv"} & set(have)):
         have = {name: path for name, path in have.items() if name in spectra}  # of a single state they are the figure
-    swept, fitted = "sweep.nc" in have, "fit.yaml" in have
+    swept, fitted, kept = "sweep.nc" in have, "fit.yaml" in have, "sweep"
     if (swept or fitted) and asymptotes:
         what = f"{source} holds a {'sweep' if swept else 'fit'}"
         raise InputError(what, "Long waves are drawn beside bands only", "Leave asymptotes out")
     if variable is not None and not swept:
         raise InputError(f"{source} holds no sweep", "Only a sweep has variables to draw", "Leave variable out")
-    kind = wave or ("sweep" if swept else "fit" if fitted else "bands" if "band.yaml" in have else "dos")
+    if swept and out is None and variable is None and "states" not in read_summary(source):  # of one state it has no line
+        kept = next((name for name in NETWORK_BLOCKS if name in there), "sweep")
+    kind = wave or (kept if swept else "fit" if fitted else "bands" if "band.yaml" in have else "dos")
     target = source / f"{kind}.png" if out is None else Path(out)
 
     def draw() -> Any:

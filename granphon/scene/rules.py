@@ -31,6 +31,7 @@ from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import (
     ADHESION,
     DENSITY,
+    FREQUENCY,
     INERTIA,
     LENGTH,
     LOADS,
@@ -61,11 +62,12 @@ from granphon.base.validation import (
     zero_or_above,
 )
 from granphon.media.choice import MEDIA, MediumChoice, read_medium
+from granphon.waves.settings import NETWORK_BLOCKS, ascending
 
 #: version number of the layout of a scene file, its key "schema"
 SCENE_SCHEMA = 1
 #: what a scene may compute, in the order in which a scene keeps it
-OBSERVABLES = ("velocities", "bands", "gaps", "dos", "surface", "spectrum", "pulse")
+OBSERVABLES = ("velocities", "bands", "gaps", "dos", "surface", "spectrum", "pulse", *NETWORK_BLOCKS)
 #: how the points of a range may be spaced; the first is the default
 SCALES = ("log", "linear")
 
@@ -168,6 +170,11 @@ def write_values(given: Sequence[float], write: Callable[[float], Any]) -> Any:
         if positive and space_evenly(first, last, count, scale) == tuple(given):
             return {"from": write(first), "to": write(last), "points": count, "scale": scale}
     return [write(value) for value in given]
+
+
+FREQUENCIES = Kind.plain(
+    lambda value: ascending(read_values(value, FREQUENCY.read)), lambda found: write_values(found, FREQUENCY.write)
+)
 
 
 # -- spreads --------------------------------------------------------------------------------------------------------

@@ -25,6 +25,7 @@ sweep_dos.*            of a sweep of simulations: densities of states of the arr
 sweep_spectra.*        of such a sweep: frequency, width, mean free path of plane waves in the arrays, .csv and .png
 sample_dos.*           of a simulation: density of states of the first sample; .json, .csv and .png of it
 spectrum.*, pulse.*    spectral functions of the first sample along the path; a pulse through all samples
+response.*             response in frequency of the network of each state: .csv and .png
 diameters.csv          the measured diameters, if they are too many for scene.yaml
 =====================  =====================================================================================
 """
@@ -61,7 +62,7 @@ from granphon.runs.workers import packages
 from granphon.scene.file import SceneSource
 from granphon.scene.plan import Plan
 from granphon.scene.rules import DIAMETERS_FILE
-from granphon.waves.settings import POLARISATIONS
+from granphon.waves.settings import NETWORK_BLOCKS, POLARISATIONS
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -100,22 +101,28 @@ RESULT_FILES = (
     "scene.yaml", "summary.yaml", "sweep.nc", "sweep.csv", "sweep_dos.csv", "sweep_spectra.csv", "band.yaml",
     "phonopy_params.yaml", "dos.csv", "sample.extxyz", "sample_balls.csv", "sample_contacts.csv",
     *(f"{stem}.{ending}" for stem in KEPT for ending in ("json", "csv")),
+    *(f"{name}.{ending}" for name in NETWORK_BLOCKS for ending in ("csv", "png")),
     "sweep.png", *SWEEP_FIGURES, "bands.png", "dos.png", "forces.png", *(f"{stem}.png" for stem in KEPT),
     "sweep_incomplete.nc", "sweep_incomplete.csv", DIAMETERS_FILE,
 )  # fmt: skip
 #: variables of which the summary of several states lists the least and the greatest value
 _EXTENTS = (
     "force", "overlap", "longitudinal", "transverse", "transverse_slow", "transverse_fast", "pulse_velocity",
-    "time_of_flight", "coherent_fraction", "surface_velocity", *(f"ioffe_regel_{name}" for name in POLARISATIONS),
+    "time_of_flight", "coherent_fraction", "surface_velocity", "peak_frequency", "peak_quality",
+    *(f"ioffe_regel_{name}" for name in POLARISATIONS),
 )  # fmt: skip
 #: what the summary of one state says of the waves in its samples, or at its edge, where it is known
-_OF_WAVES = [name for name, one in CATALOGUE.items() if one.cost in ("pulse", "spectrum", "surface") and not one.dims]
+_OF_WAVES = [
+    name for name, one in CATALOGUE.items() if one.cost in ("pulse", "spectrum", "surface", "network") and not one.dims
+]
 
 
 def list_files(scene: Plan) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Names of the files of numbers, and names of the figures, that a run writes."""
     seen, drawn = scene.observe, list[str]()
     names = ["scene.yaml", "summary.yaml", *[DIAMETERS_FILE] * (scene.diameters is not None), "sweep.nc", "sweep.csv"]
+    names += [f"{name}.csv" for name in NETWORK_BLOCKS if name in seen]
+    drawn += [f"{name}.png" for name in NETWORK_BLOCKS if name in seen]
     if not scene.is_single:
         names += ["sweep_dos.csv"] * ("dos" in seen) + ["sweep_spectra.csv"] * ("spectrum" in seen)
         drawn += ["sweep.png"] + [name for name, of in SWEEP_FIGURES.items() if of in seen]
@@ -250,8 +257,25 @@ class RunResult:
             out["gaps"] = self.gaps.tolist()
         if self.waves is not None and self.waves.pulse is not None:
             out["pulse_distance"] = self.waves.pulse.distance
+        if "response_phase" in self.dataset:
+            out["peaks"] = self._list_peaks()
         known = {name: self.dataset[name].item() for name in _OF_WAVES if name in self.dataset}
         return out | {name: value for name, value in known.items() if np.isfinite(value)}
+
+    def _list_peaks(self) -> dict[str, list[dict[str, float]]]:
+        """Return for each place of the receiver the peaks of the response of the only state: frequency, height and Q."""
+        from granphon.waves.response import find_peaks
+        from granphon.waves.settings import RESPONSES
+
+        data = self.dataset
+        name, count = next(one for one in RESPONSES.values() if one in data), data.sizes["receiver"]
+        values = (data[name] * np.exp(1j * data["response_phase"])).values.reshape(-1, count)
+        found = {}
+        for place, one in zip(data["receiver"].values.tolist(), values.T, strict=True):
+            peaks = find_peaks(data["response_frequency"].values, one)
+            rows = np.transpose(peaks).tolist()
+            found[place] = [dict(zip(("frequency", "height", "quality"), row, strict=True)) for row in rows]
+        return found
 
     def _summarise_states(self) -> dict[str, Any]:
         data = self.dataset
@@ -263,7 +287,7 @@ class RunResult:
         elif "tensor" in data:  # some lattice is not isotropic, and its velocities are along x
             out["direction"] = [1.0] + [0.0] * {3: 1, 6: 2}[data.sizes["voigt_row"]]
         for name in _EXTENTS:
-            if name in data:
+            if name in data and data[name].notnull().any():
                 out[name] = [float(data[name].min()), float(data[name].max())]
         return out | {"valid": bool(data["valid"].all())}
 
@@ -455,7 +479,7 @@ def write_numbers(result: Any, place: Path, advance: Callable[[int], None]) -> N
                 continue
             case "sweep.nc":  # and sweep.csv beside it
                 write_sweep(result.dataset, path)
-            case "sweep_dos.csv" | "sweep_spectra.csv":
+            case _ if stem in ("sweep_dos", "sweep_spectra", *NETWORK_BLOCKS):
                 write_waves(result.dataset, path)
             case "band.yaml":
                 result.bands.write(path)
@@ -526,6 +550,10 @@ def read_summary(folder: Path) -> dict[str, Any]:
 def draw_sweep(dataset: Any, name: str, variable: str | None = None) -> Any:
     """Draw the figure of a data set that the ``name`` of its file means, or that of one ``variable``."""
     stem = Path(name).stem
+    if variable is None and stem in NETWORK_BLOCKS:
+        from granphon.figures.plot import draw_states
+
+        return draw_states(dataset, stem)
     if variable is None and f"{stem}.png" in SWEEP_FIGURES:
         from granphon.figures.waves import sweep_dos_figure, sweep_spectra_figure
 

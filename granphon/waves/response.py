@@ -138,6 +138,11 @@ class Response(Result):
         return np.asarray(np.mean(self.values, axis=1))
 
     @property
+    def peaks(self) -> tuple[Peaks, ...]:
+        """For each receiver its peaks: frequencies in Hz, heights, and Q factors from the widths at half the square."""
+        return tuple(find_peaks(self.frequencies, one) for one in self.values.T)
+
+    @property
     def method(self) -> str:
         """How it was found, in words."""
         krylov = len(self.frequencies) - self.factorisations
@@ -169,6 +174,42 @@ def read_frequencies(given: ArrayLike) -> Array:
         why = "They are a list" if found.ndim != 1 else "Each is to be above the one before"
         raise InputError("the frequencies are not sorted", why, "Give np.unique(frequencies)")
     return found
+
+
+class Peaks(NamedTuple):
+    """Peaks of a magnitude over frequency: frequencies (n,) Hz, heights (n,) and Q factors (n,), nan if not resolved."""
+
+    frequencies: Array
+    heights: Array
+    quality: Array
+
+
+def find_peaks(frequencies: Array, values: Complex) -> Peaks:
+    """Return the peaks of the magnitude of a response (n_f,) inside of the ascending frequencies (n_f,), Hz.
+
+    B + R/(p - f^2), a mode over a constant background, passes through the highest value and its two neighbours. Its pole p
+    gives the frequency (Re p)^1/2, the height there, and Q = Re p / Im p. Where the width of the line is below half the step
+    of the frequencies, or the pole is farther away than its width, the peak is the highest value, and Q is not known.
+    """
+    magnitude = np.abs(values)
+    at = 1 + np.flatnonzero((magnitude[1:-1] > magnitude[:-2]) & (magnitude[1:-1] >= magnitude[2:]))
+    x, h = (np.array([one[at + step] for step in (-1, 0, 1)]) for one in (frequencies**2, values))
+    ratio = (h[1] - h[0]) / (h[2] - h[1]) * (x[2] - x[1]) / (x[1] - x[0])
+    pole = (x[2] - ratio * x[0]) / (1.0 - ratio)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        strength = (h[2] - h[0]) * (pole - x[0]) * (pole - x[2]) / (x[2] - x[0])
+        top = np.abs(h[1] - strength / (pole - x[1]) + strength / (1j * pole.imag))
+        known = (pole.imag >= 0.25 * (x[2] - x[0])) & (
+            np.abs(pole.real - x[1]) <= np.maximum(pole.imag, 0.5 * (x[2] - x[0]))
+        )
+        quality = np.where(known, pole.real / pole.imag, np.nan)
+    heights = np.where(known, np.maximum(top, magnitude[at]), magnitude[at])
+    return Peaks(np.sqrt(np.where(known, pole.real, x[1])), heights, quality)
+
+
+def require_places(network: ContactNetwork, name: str, given: Any, moved: bool, **options: Any) -> None:
+    """Raise InputError unless a network has the places of a source or receiver, as arguments of ``Waves.response``."""
+    _Places(network, **options).find(name, given, held=moved)
 
 
 def find_response(

@@ -1,16 +1,33 @@
-"""Settings of waves: the blocks ``spectrum`` and ``pulse`` of a scene, of a simulated array, and ``surface``, of an edge."""
+"""Settings of waves: the blocks ``spectrum`` and ``pulse`` of a scene, of a simulated array, ``surface``, of an edge, and
+
+``response``, of the network of any state.
+"""
 
 from __future__ import annotations
 
+import math
+import re
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from typing import Any, ClassVar
 
 from granphon.balls.layers import EDGES, read_axis
 from granphon.base.errors import Refused
-from granphon.base.quantities import FREQUENCY, LENGTH, TIME, Quantity
+from granphon.base.quantities import FREQUENCY, LENGTH, NUMBER, TIME, Quantity
 from granphon.base.text import show
-from granphon.base.validation import Rule, above_zero, choice, each, number, require, whole, zero_or_above
+from granphon.base.validation import (
+    Rule,
+    above_zero,
+    choice,
+    each,
+    finite_number_list,
+    number,
+    real_number,
+    require,
+    whole,
+    zero_or_above,
+)
 
 #: what may be asked of the waves in a simulated array
 WAVES = ("dos", "spectrum", "pulse")
@@ -24,18 +41,20 @@ READINGS = 24
 ENDS = ("free", "walls", "periodic")
 _PUSHES = ("longitudinal", "transverse", "out_of_plane")
 _SOURCES = ("plane", "ball")
+#: what a response may be of, and what it is called then
+RESPONSES = {"displacement": "receptance", "velocity": "mobility", "transmissibility": "transmissibility"}
 _QUANTITIES: dict[str, Quantity] = {"resolution": FREQUENCY, "frequency": FREQUENCY, "distance": LENGTH, "damping": TIME}
 
 
 class _Block:
     """A block of a scene, whose values are checked when it is made."""
 
-    _name: ClassVar[str]
+    block: ClassVar[str]
 
     def __post_init__(self) -> None:
-        for name, rule in wave_rules(self._name, read=False).items():
+        for name, rule in wave_rules(self.block, read=False).items():
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, require(f"{self._name}.{name}", rule, getattr(self, name)))
+                object.__setattr__(self, name, require(f"{self.block}.{name}", rule, getattr(self, name)))
 
 
 @dataclass(frozen=True)
@@ -49,7 +68,7 @@ class SpectrumSettings(_Block):
     points : wave vectors between two corners of the path, both counted.
     """
 
-    _name = "spectrum"
+    block = "spectrum"
 
     polarisation: tuple[str, ...] = ("longitudinal",)
     resolution: float | None = None
@@ -71,7 +90,7 @@ class PulseSettings(_Block):
     damping : viscosity of a contact over its stiffness, s.
     """
 
-    _name = "pulse"
+    block = "pulse"
 
     frequency: float
     distance: float | None = None
@@ -93,16 +112,84 @@ class SurfaceSettings(_Block):
     points : wave vectors between two corners of the path, both counted.
     """
 
-    _name = "surface"
+    block = "surface"
 
     axis: Any
     edge: str = "free"
     points: int = 31
 
 
+@dataclass(frozen=True, kw_only=True)
+class NetworkSettings(_Block):
+    """What is asked of the network of each state, or of each sample of a simulation.
+
+    Attributes
+    ----------
+    repeat : cells along each period of the network; empty for one.
+    cut : axis, number of layers, and (lower, upper) edge of each cut of that network, in turn.
+    """
+
+    #: keys whose values a network may not have
+    of_network: ClassVar[tuple[str, ...]] = ("repeat", "cut")
+
+    repeat: tuple[int, ...] = ()
+    cut: tuple[tuple[Any, int, tuple[str, str]], ...] = ()
+
+    def shape(self, network: Any) -> Any:
+        """Return a network repeated and cut."""
+        network = network.repeat(self.repeat) if self.repeat else network
+        for axis, layers, edges in self.cut:
+            network = network.cut(list(axis) if isinstance(axis, tuple) else axis, layers, edges)
+        return network
+
+    @property
+    def coordinates(self) -> dict[str, tuple[tuple[Any, ...], str]]:
+        """Values and unit of each dimension of what is found, by name."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class ResponseSettings(NetworkSettings):
+    """The response at given frequencies; see :meth:`granphon.waves.waves.Waves.response`.
+
+    Attributes
+    ----------
+    frequencies : (n_f,) Hz, ascending.
+    source, receiver : "plane", or a ball and a direction, such as "12 x" or "12 0.6 0.8", one or more. What is heard on a
+        plane is the mean over its balls.
+    damping : s, of all motions of a contact, or of normal and of other motion.
+    loss_factor : likewise.
+    quantity : "displacement", "velocity" or "transmissibility".
+    direction : across planes; None for the first axis along which the network does not repeat, or x.
+    polarisation : "longitudinal", "transverse" or "out_of_plane".
+    distance : m, of the receiving plane from the first; None for the last.
+    """
+
+    block, of_network = "response", ("repeat", "cut", "source", "receiver")
+
+    frequencies: tuple[float, ...]
+    source: tuple[str, ...]
+    receiver: tuple[str, ...]
+    damping: float | tuple[float, float] = 0.0
+    loss_factor: float | tuple[float, float] = 0.0
+    quantity: str = "displacement"
+    direction: tuple[float, ...] | None = None
+    polarisation: str = "longitudinal"
+    distance: float | None = None
+
+    @property
+    def coordinates(self) -> dict[str, tuple[tuple[Any, ...], str]]:
+        """Values and unit of each dimension of what is found, by name."""
+        return {"response_frequency": (self.frequencies, FREQUENCY.unit), "receiver": (self.receiver, "")}
+
+
+#: the blocks about the network of a state, by the word with which a scene observes them
+NETWORK_BLOCKS: dict[str, type[NetworkSettings]] = {"response": ResponseSettings}
+
+
 @dataclass(frozen=True)
 class WaveSettings:
-    """What is asked of the waves in each sample of a simulation; plain data.
+    """What is asked of the waves in each sample of a simulation, and of the networks of any states; plain data.
 
     Attributes
     ----------
@@ -111,6 +198,7 @@ class WaveSettings:
     path, labels : pieces of that path, corners in fractions of the reciprocal cell, and a label for each corner.
     pulse : a pulse; None for none.
     direction : in which the pulse goes, Cartesian, (p,); None for x.
+    of_networks : what is asked of the network of each state.
     """
 
     dos: bool = False
@@ -119,6 +207,7 @@ class WaveSettings:
     labels: tuple[str, ...] = ()
     pulse: PulseSettings | None = None
     direction: tuple[Any, ...] | None = None
+    of_networks: tuple[NetworkSettings, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -127,7 +216,7 @@ class WaveSettings:
 
 
 def wave_rules(block: str, read: bool = True) -> dict[str, Rule]:
-    """Return the rules of a ``block``, "spectrum", "pulse" or "surface": of a file (``read``), or of numbers in SI."""
+    """Return the rules of a ``block`` about waves: of a file (``read``), or of numbers in SI."""
 
     def quantity(name: str) -> Rule:
         kind = _QUANTITIES[name]
@@ -141,6 +230,14 @@ def wave_rules(block: str, read: bool = True) -> dict[str, Rule]:
         return {
             "polarisation": _read_polarisations, "resolution": quantity("resolution"),
             "points": partial(whole, low=2, high=10_000),
+        }  # fmt: skip
+    if block == "response":
+        loss = zero_or_above
+        return {
+            "frequencies": lambda value: ascending(finite_number_list(value, "Hz", "zero or above")),
+            "source": _read_places, "receiver": _read_places, "damping": partial(_one_or_two, rule=quantity("damping")),
+            "loss_factor": partial(_one_or_two, rule=loss), "quantity": partial(choice, options=tuple(RESPONSES)),
+            "direction": _read_vector, "polarisation": partial(choice, options=_PUSHES), "distance": quantity("distance"),
         }  # fmt: skip
     return {
         "frequency": quantity("frequency"), "distance": quantity("distance"), "cycles": partial(number, low=1.0, high=1e4),
@@ -163,6 +260,62 @@ def _read_polarisations(value: Any) -> tuple[str, ...]:
     return found
 
 
+def ascending(frequencies: tuple[float, ...]) -> tuple[float, ...]:
+    """Read frequencies, each of which is above the one before."""
+    for one, following in pairwise(frequencies):
+        if following <= one:
+            raise Refused(f"{following:.9g} Hz after {one:.9g} Hz", "frequencies in ascending order")
+    return frequencies
+
+
+def _read_places(value: Any) -> tuple[str, ...]:
+    """Read one place of a source or receiver, or a list of them, each once: "plane", or a ball and its direction."""
+    if isinstance(value, list | tuple):
+        found: tuple[str, ...] = tuple(one for (one,) in each(value, _read_places, "places"))
+        if len(set(found)) < len(found):
+            raise Refused(show(value), "each place once")
+        return found
+    words = value.split() if isinstance(value, str) else []
+    if words == ["plane"]:
+        return ("plane",)
+    if len(words) > 1 and words[0].isdecimal() and (words[1:] in ([one] for one in "xyz") or _is_vector(words[1:])):
+        return (" ".join(words),)
+    raise Refused(
+        show(value), "plane, or the number of a ball and its direction, such as 12 x or 12 0.6 0.8, or a list of these"
+    )
+
+
+def find_place(text: str) -> Any:
+    """Return a place of a source or receiver as the calls of Python have it."""
+    ball, *words = text.split()
+    return text if not words else (int(ball), words[0] if words[0] in "xyz" else [float(word) for word in words])
+
+
+def _is_vector(words: list[Any]) -> bool:
+    """Whether words are one to three numbers, not all zero."""
+    numbers = [float(one) if isinstance(one, str) and re.fullmatch(NUMBER, one) else one for one in words]
+    return 1 <= len(numbers) <= 3 and any(numbers) and all(math.isfinite(real_number(one)) for one in numbers)
+
+
+def _read_vector(value: Any) -> tuple[float, ...]:
+    """Read a Cartesian vector, a list of numbers or a text of them."""
+    words = value.split() if isinstance(value, str) else value if isinstance(value, list | tuple) else [value]
+    if not _is_vector(list(words)):
+        raise Refused(show(value), "one to three numbers, not all zero, such as 0 1")
+    return tuple(map(float, words))
+
+
+def _one_or_two(value: Any, rule: Rule) -> Any:
+    """Read a value of all motions of a contact, or a list of that of normal and of other motion."""
+    if isinstance(value, list | tuple):
+        if len(value) != 2:
+            raise Refused(show(value), "one value, or two: of normal motion, and of all other")
+        return each(value, rule, "values")
+    return rule(value)
+
+
 def write_setting(name: str, value: Any) -> Any:
     """Return a value of one of the blocks as a scene file holds it, in SI units."""
+    if isinstance(value, tuple):
+        return [write_setting(name, one) for one in value]
     return _QUANTITIES[name].write(value) if name in _QUANTITIES and value else value

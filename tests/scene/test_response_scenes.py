@@ -1,0 +1,190 @@
+"""Scenes with a response in frequency: closed forms, the calls of Python, sweeps, samples, figures and refusals."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import granphon as gp
+from granphon.base.errors import SceneError
+from granphon.runs.dataset import load_sweep
+from granphon.scene.redraw import redraw
+from granphon.waves.response import find_peaks
+from tests.runs.conftest import Meter
+
+pytestmark = pytest.mark.filterwarnings("error")
+
+CHAIN = """
+balls:
+  S: {material: {young_modulus: 193 GPa, poisson_ratio: 0.30, density: 8000 kg/m^3}, diameter: 19.05 mm}
+crystal: {lattice: chain}
+load: {force: FORCE}
+observe: [response]
+response:
+  frequencies: {from: 400 Hz, to: 14 kHz, points: 30, scale: linear}
+  source: plane
+  receiver: [19 x, 0 x]
+  quantity: transmissibility
+  cut: {axis: 0, layers: 20, edges: floor free}
+"""
+ARRAY = """
+material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
+packing: {diameter: 8 mm, spread: {uniform: 2 um}}
+load: {force: FORCE}
+medium: {simulation: {shape: 4 8, samples: 3}}
+observe: [response]
+response:
+  frequencies: [2 kHz, 5 kHz, 9 kHz]
+  source: plane
+  receiver: plane
+  damping: [2 us, 1 us]
+  loss_factor: 0.01
+  quantity: velocity
+  cut: {axis: 1, layers: 1, edges: free}
+"""
+FREQUENCIES = np.linspace(400.0, 14000.0, 30)
+
+
+def scene(text, **words):
+    for name, word in words.items():
+        text = text.replace(name, word)
+    return gp.Scene.from_text(text)
+
+
+def complex_of(dataset, name):
+    """Return the response as complex numbers, (loads, media, n_f, receivers)."""
+    return (dataset[name] * np.exp(1j * dataset["response_phase"])).values
+
+
+def respond(network, **more):
+    """Return what the scene of the chain asks for, by the call of Python."""
+    places = [(19, "x"), (0, "x")]
+    return gp.Waves(network).response(FREQUENCIES, "plane", places, quantity="transmissibility", **more)
+
+
+def test_the_driven_chain_has_its_closed_form(tmp_path):
+    one = scene(CHAIN, FORCE="20 N")
+    result = one.run(tmp_path)
+    network, found = one.state().network, complex_of(result.dataset, "transmissibility")[0, 0]
+    rate = np.sqrt(network.normal_stiffness[0] / network.masses[0])
+    t = 2.0 * np.arcsin((np.pi * FREQUENCIES / rate).astype(complex))  # above the band t is complex
+    for column, place in ((0, 20), (1, 1)):
+        exact = (np.cos((20.5 - place) * t) / np.cos(20.5 * t)).real
+        assert_allclose(found[:, column], exact, rtol=1e-9, atol=1e-10 * np.max(np.abs(exact)))
+    assert FREQUENCIES[-1] > rate / np.pi
+    # files, figures, and the scene that was run
+    assert {"response.csv", "response.png"} <= {path.name for path in result.files}
+    table = np.genfromtxt(tmp_path / "response.csv", delimiter=",", names=True)
+    assert_allclose(table["transmissibility_1"], np.abs(found).ravel(), rtol=1e-15)
+    assert load_sweep(tmp_path / "sweep.nc").identical(result.dataset)
+    assert redraw(tmp_path, force=True).name == "response.png"
+    assert gp.plot(result).axes[0].get_ylabel() == "Transmissibility (dB)"
+    assert gp.Scene.from_text(one.to_yaml()) == one
+
+
+def test_a_sweep_over_loads_has_the_numbers_of_python_and_a_map(tmp_path):
+    forces = np.geomspace(2.0, 128.0, 7)
+    text = CHAIN.replace("quantity:", "loss_factor: 0.02\n  quantity:")
+    one = scene(text, FORCE="{from: 2 N, to: 128 N, points: 7}")
+    result = one.run(tmp_path)
+    found = complex_of(result.dataset, "transmissibility")[:, 0]
+    crystal = one.packing.crystal
+    for force, values in zip(forces, found, strict=True):
+        own = crystal.at_force(force).network.cut(0, 20, ("floor", "free"))
+        assert_allclose(values, respond(own, loss_factor=0.02).values, rtol=1e-12)
+    # Hertz: frequencies go as f^(1/6), so that twice the frequency has the response at 64 times the load
+    again = gp.Scene.from_text(one.to_yaml().replace("400.0 Hz", "800.0 Hz").replace("14000.0 Hz", "28000.0 Hz"))
+    doubled = complex_of(again.run(tmp_path / "again", figures=False).dataset, "transmissibility")[:, 0]
+    assert_allclose(doubled[-1], found[0], rtol=1e-8)
+    assert redraw(tmp_path, tmp_path / "response.pdf").name == "response.pdf"
+    assert redraw(tmp_path, force=True).name == "sweep.png"
+
+
+def test_peaks_are_those_of_the_damped_modes(tmp_path):
+    text = CHAIN.replace("from: 400 Hz, to: 14 kHz, points: 30", "from: 100 Hz, to: 3 kHz, points: 600")
+    one = gp.Scene.from_text(text.replace("quantity:", "loss_factor: 0.03\n  quantity:").replace("FORCE", "20 N"))
+    result = one.run(tmp_path, figures=False)
+    modes = gp.Waves(one.state().network.cut(0, 20, ("floor", "free"))).damped_modes(4, loss_factor=0.03)
+    peaks = result.summary()["peaks"]["19 x"]
+    for peak, frequency, quality in zip(peaks[:4], np.abs(modes.frequencies), modes.quality, strict=True):
+        assert abs(peak["frequency"] / frequency - 1.0) < 1e-3
+        assert abs(peak["quality"] / quality - 1.0) < 0.03
+    assert result.summary()["peak_frequency"] == peaks[0]["frequency"]
+    assert result.dataset["peak_transmissibility"].item() == peaks[0]["height"]
+
+
+def test_a_mode_by_itself_has_its_closed_form():
+    # B + R/(p - f^2): a single mode over a background, of which three frequencies are enough
+    f, pole = np.linspace(90.0, 110.0, 41), 100.0**2 * (1.0 + 0.02j)
+    response = 0.3 - 0.1j + (40.0 + 300.0j) / (pole - f**2)
+    (peak,) = zip(*find_peaks(f, response), strict=True)
+    assert_allclose(peak, [100.0, np.abs(0.3 - 0.1j + (40.0 + 300.0j) / (1j * pole.imag)), 50.0], rtol=1e-3)
+
+
+def test_samples_are_averaged_with_their_standard_error(tmp_path):
+    one = scene(ARRAY, FORCE="[20 N, 40 N]")
+    result = one.run(tmp_path)
+    found, error = complex_of(result.dataset, "mobility")[..., 0], result.dataset["mobility_error"].values[..., 0]
+    every = []
+    for sample in one.cases[0].case.medium.of(one.packing).at_force(40.0).samples:
+        waves = gp.Waves(sample.network.cut(1, 1, "free"))
+        options = {"damping": (2e-6, 1e-6), "loss_factor": 0.01, "quantity": "velocity"}
+        every.append(waves.response([2e3, 5e3, 9e3], "plane", "plane", **options).coherent)
+    assert_allclose(found[1, 0], np.mean(every, axis=0), rtol=1e-9)
+    assert_allclose(error[1, 0], np.std(every, axis=0, ddof=1) / np.sqrt(3.0), rtol=1e-7)
+
+
+def test_a_lattice_that_is_cut_has_the_response_of_its_medium(tmp_path):
+    text = ARRAY.replace("{simulation: {shape: 4 8, samples: 3}}", "[ala, ema]").replace("layers: 1", "layers: 8")
+    one = scene(text, FORCE="[20 N, 40 N]")
+    found = complex_of(one.run(tmp_path, figures=False).dataset, "mobility")[..., 0]
+    network = gp.EffectiveMedium(one.packing).at_force(40.0).network.cut(1, 8, "free")
+    options = {"damping": (2e-6, 1e-6), "loss_factor": 0.01, "quantity": "velocity"}
+    exact = gp.Waves(network).response([2e3, 5e3, 9e3], "plane", "plane", **options).coherent
+    assert_allclose(found[1, 1], exact, rtol=1e-12)
+    assert not np.allclose(found[1, 0], found[1, 1], rtol=1e-3)
+
+
+def test_a_sweep_that_was_cut_off_goes_on(tmp_path):
+    one = scene(CHAIN.replace("load:", "sweep: {S.young_modulus: [150 GPa, 193 GPa, 210 GPa]}\nload:"), FORCE="20 N")
+    whole = one.run(tmp_path / "whole", figures=False).dataset
+    with pytest.raises(KeyboardInterrupt):
+        one.run(tmp_path / "parts", figures=False, progress=Meter(stop=2))
+    rest = Meter()
+    assert one.run(tmp_path / "parts", figures=False, progress=rest).dataset.identical(whole)
+    assert ("sweep", 3) in rest.steps
+    assert one.run(tmp_path / "parts", figures=False, resume=True).dataset.identical(whole)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (("response:\n", "direction: [1]\nvelocity:\n"), "velocity"),
+        (("source: plane", "source: 3 x"), "ball 3 of the source moves.*infinite mass"),
+        (
+            ("source: plane\n  receiver: [19 x, 0 x]\n  quantity: transmissibility", "source: 20 x\n  receiver: plane"),
+            "is held",
+        ),
+        (("{from: 400 Hz, to: 14 kHz, points: 30, scale: linear}", "[2 kHz, 1 kHz]"), "ascending order"),
+        (("{from: 400 Hz, to: 14 kHz, points: 30, scale: linear}", "[2, 1]"), "without a unit"),
+        (("source: plane", "source: plane\n  damping: -1 us"), "damping"),
+        (("source: plane", "source: plane\n  loss_factor: -0.1"), "zero or above"),
+        (("source: plane", "source: plane\n  loss_factor: [0.1, 0.1, 0.1]"), "of normal motion"),
+        (("receiver: [19 x, 0 x]", "receiver: 77 x"), "77"),
+        (("receiver: [19 x, 0 x]", "receiver: 7 y"), "Balls move along x only"),
+        (("receiver: [19 x, 0 x]", "receiver: 7"), "such as 12 x"),
+        (("receiver: [19 x, 0 x]", "receiver: [7 x, 7 x]"), "once"),
+        (("quantity: transmissibility", "quantity: transmission"), "transmissibility"),
+        (("axis: 0", "axis: 1"), "axis"),
+        (("layers: 20", "layers: 0"), "layers"),
+        (("  source: plane\n", ""), "source"),
+    ],
+)
+def test_what_is_refused(change, said):
+    assert change[0] in CHAIN
+    with pytest.raises(SceneError, match=said):
+        scene(CHAIN.replace(*change), FORCE="20 N")
+
+
+def test_lattices_and_arrays_are_not_mixed():
+    with pytest.raises(SceneError, match="of lattices and of arrays"):
+        scene(ARRAY.replace("medium: {", "medium: [ema, {").replace("}}\nobserve", "}}]\nobserve"), FORCE="20 N")
