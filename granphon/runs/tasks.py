@@ -204,9 +204,12 @@ class Case:
         """Return the variables of the only state; ``records`` are those of its samples, if it has any."""
         (task,) = self.media
         out = task.observe(analysis)
-        if not records:
-            return task.add_networks(out, analysis.state)
         return out if task.asked.waves is None else _add_waves(out, task, task.load, records)
+
+    def record_alone(self, state: ContactState) -> list[SampleRecord]:
+        """Return what is asked of the network of the only state, without samples, with whole results."""
+        (task,) = self.media
+        return task.record_networks(state, whole=True)
 
     def restore(self, parts: Sequence[TaskResult]) -> SimulatedState:
         """Return the only state, that of a simulation, with the samples whose balls the :attr:`tasks` kept."""
@@ -365,7 +368,8 @@ class MediumTask:
             out = self.observe(analysis)
         except GranphonError as error:
             raise self._locate(error) from error
-        return out if self.serving.arrays else self.add_networks(out, analysis.state)
+        records = [] if self.serving.arrays else self.record_networks(analysis.state)
+        return _add_waves(out, self, self.load, records) if records else out
 
     def observe(self, analysis: Analysis) -> TaskResult:
         """Return the variables of a state, with an axis of loads, and its "warnings"."""
@@ -409,22 +413,25 @@ class MediumTask:
             notes += [LATTICE_BANDS] * bool(state.n_samples)
         return found | {"warnings": _write_notes(notes)}
 
-    def add_networks(self, out: TaskResult, state: ContactState) -> TaskResult:
-        """Return ``out`` with what is asked of the network at each load, without samples; errors name the load."""
+    def record_networks(self, state: ContactState, whole: bool = False) -> list[SampleRecord]:
+        """Return what is asked of the network at each load, without samples; errors name the load. See :class:`SampleRecord`.
+
+        There is none if nothing is asked.
+        """
+        records, periods = list[SampleRecord](), self.serving.packing.structure.periods
         if self.asked.waves is None:
-            return out
+            return records
         from granphon.runs.wave_records import record_networks  # imported here: other runs do not need it
 
-        records, periods = list[SampleRecord](), self.serving.packing.structure.periods
         for index in range(self.load.size):
             try:
-                network = (state if state.is_single else state[index]).network
-                records.append(SampleRecord(of_waves=record_networks(network, self.asked.waves)))
+                one = state if state.is_single else state[index]
+                records.append(SampleRecord(of_waves=record_networks(one, self.asked.waves, whole)))
             except GranphonError as error:
                 if self.asked.alone:
                     raise
                 raise _name_task(f"{self.where}, {self.load[index].describe(periods)}", error) from None
-        return _add_waves(out, self, self.load, records)
+        return records
 
     def _locate(self, error: GranphonError) -> GranphonError:
         """Return an error whose message begins with the task and the load.

@@ -43,6 +43,7 @@ from granphon.waves.settings import (
     NETWORK_BLOCKS,
     READINGS,
     WAVES,
+    MotionSettings,
     PulseSettings,
     ResponseSettings,
     SpectrumSettings,
@@ -167,6 +168,7 @@ class Plan:
     spectrum: SpectrumSettings = _SPECTRUM
     pulse: PulseSettings | None = None
     response: ResponseSettings | None = None
+    motion: MotionSettings | None = None
     source: Path | None = field(default=None, compare=False)
     #: document and file that the scene was read from; a copy made by ``replace`` has none, as its values may differ
     origin: SceneSource = field(default=SceneSource(), init=False, repr=False, compare=False)
@@ -303,6 +305,9 @@ class Plan:
         except GranphonError as error:
             if error.option is not None:
                 with self.origin.at("medium"):
+                    raise
+            if error.block is not None:
+                with self.origin.at(error.block):
                     raise
             if error.load_index is None:
                 raise

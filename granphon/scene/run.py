@@ -26,6 +26,8 @@ sweep_spectra.*        of such a sweep: frequency, width, mean free path of plan
 sample_dos.*           of a simulation: density of states of the first sample; .json, .csv and .png of it
 spectrum.*, pulse.*    spectral functions of the first sample along the path; a pulse through all samples
 response.*             response in frequency of the network of each state: .csv and .png
+motion.csv, .png       energies of balls in motion over time, and the greatest force, of each state
+motion.nc              of a single state: the balls at all times; motion_contacts.csv, when the wave comes to each contact
 diameters.csv          the measured diameters, if they are too many for scene.yaml
 =====================  =====================================================================================
 """
@@ -85,6 +87,8 @@ SWEEP_FIGURES = {"sweep_dos.png": "dos", "sweep_spectra.png": "spectrum"}
 SAMPLE_WAVES = {"sample_dos": "dos", "spectrum": "spectrum", "pulse": "pulse"}
 #: what is kept as a result in a file .json, with a figure of it
 KEPT = {**SAMPLE_WAVES, "surface": "surface"}
+#: files of a motion of a single state besides those of every state
+MOTION_FILES = ("motion.nc", "motion_contacts.csv")
 #: columns of a table: heading, unit, and the field of the result
 _COLUMNS = {
     "sample_dos": [
@@ -101,14 +105,15 @@ RESULT_FILES = (
     "scene.yaml", "summary.yaml", "sweep.nc", "sweep.csv", "sweep_dos.csv", "sweep_spectra.csv", "band.yaml",
     "phonopy_params.yaml", "dos.csv", "sample.extxyz", "sample_balls.csv", "sample_contacts.csv",
     *(f"{stem}.{ending}" for stem in KEPT for ending in ("json", "csv")),
-    *(f"{name}.{ending}" for name in NETWORK_BLOCKS for ending in ("csv", "png")),
+    *(f"{name}.{ending}" for name in NETWORK_BLOCKS for ending in ("csv", "png")), *MOTION_FILES,
     "sweep.png", *SWEEP_FIGURES, "bands.png", "dos.png", "forces.png", *(f"{stem}.png" for stem in KEPT),
     "sweep_incomplete.nc", "sweep_incomplete.csv", DIAMETERS_FILE,
 )  # fmt: skip
 #: variables of which the summary of several states lists the least and the greatest value
 _EXTENTS = (
     "force", "overlap", "longitudinal", "transverse", "transverse_slow", "transverse_fast", "pulse_velocity",
-    "time_of_flight", "coherent_fraction", "surface_velocity", "peak_frequency", "peak_quality",
+    "time_of_flight", "coherent_fraction", "surface_velocity", "peak_frequency", "peak_quality", "front_velocity", "peak_velocity",
+    "greatest_force", "energy_lost",
     *(f"ioffe_regel_{name}" for name in POLARISATIONS),
 )  # fmt: skip
 #: what the summary of one state says of the waves in its samples, or at its edge, where it is known
@@ -127,6 +132,7 @@ def list_files(scene: Plan) -> tuple[tuple[str, ...], tuple[str, ...]]:
         names += ["sweep_dos.csv"] * ("dos" in seen) + ["sweep_spectra.csv"] * ("spectrum" in seen)
         drawn += ["sweep.png"] + [name for name, of in SWEEP_FIGURES.items() if of in seen]
         return tuple(names), tuple(drawn)
+    names += MOTION_FILES if "motion" in seen else ()
     if "bands" in seen:
         names += ["band.yaml", "phonopy_params.yaml"]
     names += ["dos.csv"] * ("dos" in seen) + ["surface.json", "surface.csv"] * ("surface" in seen)
@@ -314,7 +320,7 @@ class RunResult:
             from granphon.figures.forces import forces_figure
 
             return forces_figure(self.state)
-        if self.waves is not None and stem in SAMPLE_WAVES:
+        if self.waves is not None and stem in self.waves.results:
             from granphon.figures.plot import plot
 
             return plot(self.waves.results[stem])
@@ -418,6 +424,9 @@ def _describe_alone(
     """Return what a scene observes of a single state; ``parts`` are what was found of its samples."""
     waves = bands = dos = gaps = None
     analysis, records = Analysis(state, scene.direction), [SampleRecord.from_part(part, 0) for part in parts]
+    if not records:
+        with progress.step("networks") if scene.waves is not None else nullcontext():
+            records = work.grid.cases[0].record_alone(state)
     dataset = work.join_alone(analysis, records)
     if records:
         from granphon.runs.wave_records import SampleWaves
@@ -470,6 +479,8 @@ def write_numbers(result: Any, place: Path, advance: Callable[[int], None]) -> N
 
     Those of the scene and the summary are not among them, nor those that are ``left_out``.
     """
+    from granphon.runs.motion_records import motion_bytes, write_contacts  # imported here: a run of a scene alone needs them
+
     for name in list_files(result.scene)[0]:
         path, stem = place / name, name.partition(".")[0]
         match name:
@@ -479,6 +490,10 @@ def write_numbers(result: Any, place: Path, advance: Callable[[int], None]) -> N
                 continue
             case "sweep.nc":  # and sweep.csv beside it
                 write_sweep(result.dataset, path)
+            case "motion.nc":
+                path.write_bytes(motion_bytes(result.waves.motion))
+            case "motion_contacts.csv":
+                write_contacts(result.waves.motion, path, result.scene.motion)
             case _ if stem in ("sweep_dos", "sweep_spectra", *NETWORK_BLOCKS):
                 write_waves(result.dataset, path)
             case "band.yaml":
