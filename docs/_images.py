@@ -305,6 +305,23 @@ def draw_machines() -> Any:
     return figure
 
 
+def draw_laws() -> Any:
+    """Force and stiffness over the overlap of laws for the same two balls, and for two of rubber that adhere."""
+    ball, rubber = gp.Ball(STEEL, 8e-3), gp.Ball(gp.Material(5e6, 0.49, 1100.0), 8e-3)
+    figure, axes = panels(1.0, 1.0, height=2.4)
+    laws = (("Hertz", gp.Hertz()), ("power 1", gp.PowerLaw(1.0, 1e7)), ("power 2", gp.PowerLaw(2.0, 5e12)))
+    adhesive = (("Hertz", gp.Hertz()), ("DMT", gp.DMT(0.1)), ("JKR", gp.JKR(0.1)))
+    for ax, body, several, reach in ((axes[0], ball, laws, (-0.5, 2.0)), (axes[1], rubber, adhesive, (-4.0, 8.0))):
+        overlap = np.linspace(*reach, 400)
+        for name, law in several:
+            force = law.between(body, body).force(overlap * 1e-6)
+            ax.plot(overlap, force if body is ball else 1e3 * force, label=name)
+        ax.axhline(0.0, color=GUIDE, linewidth=0.5)
+        ax.set(xlabel="Overlap (µm)", ylabel="Force (N)" if body is ball else "Force (mN)")
+        ax.legend()
+    return figure
+
+
 def draw_run() -> Any:
     """What ``granphon run`` draws of the array of the first page."""
     with tempfile.TemporaryDirectory() as folder:
@@ -338,6 +355,13 @@ IMAGES: dict[str, Callable[[], Any] | str] = {
     "phonopy": draw_phonopy,
     "cluster": draw_cluster,
     "network": draw_network,
+    "kinds": of_example("diatomic_chain"),
+    "loads": of_example("pressed_along_one_axis"),
+    "law": draw_laws,
+    "edges": of_example("zigzag_edge"),
+    "response": of_example("transfer_function"),
+    "transmission": of_example("transmission"),
+    "impact": of_example("solitary_wave"),
     "paper": of_example("paper_figure5"),
     "beads": "the command of how-to/material.md",
     "fit": "the command of tutorial/steel.md",

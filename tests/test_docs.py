@@ -60,8 +60,8 @@ WRAPPED = ("console", "text")
 
 #: pages that take seconds, by simulations or by measuring times
 LONG = (
-    "explanation/cluster.md", "how-to/material.md", "how-to/simulation.md", "how-to/tradeoff.md", "how-to/velocities.md",
-    "how-to/waves.md",
+    "explanation/cluster.md", "how-to/edges.md", "how-to/figure.md", "how-to/material.md", "how-to/paper.md",
+    "how-to/simulation.md", "how-to/sweep.md", "how-to/tradeoff.md", "how-to/velocities.md", "how-to/waves.md",
 )  # fmt: skip
 
 _FENCE = re.compile(r"^```(\S+)[^\n]*\n(.*?)^```\s*$", re.MULTILINE | re.DOTALL)
@@ -514,6 +514,29 @@ def test_every_name_of_the_interface_says_shapes_or_units(monkeypatch):
     names = list(interface())
     assert len(names) > 500
     assert "\n".join(wrong for name in names for wrong in lacks(*name)) == ""
+
+
+#: types that are returned as one that is listed: the same attributes, found in another way
+STAND_INS = {"PressedEquilibrium", "TrueEquilibrium"}
+
+
+def test_every_type_that_is_returned_is_on_a_page(monkeypatch):
+    """Return annotations of functions and properties, and the fields of results."""
+    monkeypatch.syspath_prepend(DOCS)
+    listed = set(re.findall(r"^\.\. (?:auto|py:)\w+:: \S+\.(\w+)$", interface_text(), re.MULTILINE)) | STAND_INS
+    ours = {node.name for path in Path(gp.__file__).parent.rglob("*.py") for node in ast.walk(ast.parse(path.read_text()))
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_")}  # fmt: skip
+    for name in interface_text().split(".. automodule:: ")[1:]:
+        listed |= set(vars(import_module(name.split()[0])))
+    missing = set()
+    for where, one, _ in interface():
+        function = one.fget if isinstance(one, property) else getattr(one, "func", getattr(one, "__func__", one))
+        returned = getattr(function, "__annotations__", {}).get("return", "")
+        missing |= {(where, name) for name in re.findall(r"\w+", str(returned)) if name in ours - listed}
+        for field in dataclasses.fields(one) if dataclasses.is_dataclass(one) and isinstance(one, type) else ():
+            if not re.search(rf":exclude-members: .*\b{field.name}\b", interface_text()) and not field.name.startswith("_"):
+                missing |= {(f"{where}.{field.name}", n) for n in re.findall(r"\w+", str(field.type)) if n in ours - listed}
+    assert missing == set()
 
 
 def test_a_name_without_shapes_and_units_is_found():

@@ -24,11 +24,12 @@ EXAMPLES = Path(__file__).parent.parent / "examples"
 SCRIPTS = sorted(path.stem for path in EXAMPLES.glob("*.py"))
 #: of those that do not write a picture that stands still
 SUFFIX = {"rolling_wave": ".gif", "wave_crossing": ".gif"}
-#: simulations of many balls under many loads, which the documentation runs too
+#: what takes more than a second and a half: simulations of many balls, and half spaces; the documentation runs them too
 LONG = {
     "coherent_speckle", "conjecture", "disorder_in_space", "force_chains", "hexagon_pulse", "hysteresis", "ladder",
     "paper_figures6_7_8", "paper_figures9_10_11", "several_runs",
-    "soft_modes", "spectral_function", "true_directions", "wave_crossing", "work_precision",
+    "slowness_fcc", "soft_modes", "solitary_wave", "spectral_function", "surface_waves_fcc", "transfer_function",
+    "transmission", "true_directions", "wave_crossing", "work_precision", "zigzag_edge",
 }  # fmt: skip
 
 

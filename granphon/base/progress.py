@@ -19,7 +19,7 @@ class Step(Protocol):
     """A piece of work that is under way."""
 
     def advance(self, amount: float = 1.0) -> None:
-        """Report that ``amount`` more of this step has been completed."""
+        """Report that ``amount`` more of this step, a number of pieces, is complete."""
         ...
 
 

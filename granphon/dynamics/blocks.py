@@ -34,6 +34,8 @@ from granphon.dynamics.linalg import (
 from granphon.dynamics.rows import WaveRows, bend, bend_slope
 
 Array = NDArray[np.float64]
+#: number of motions from which those that cost nothing at any wave vector are split off by LAPACK
+_MANY_FREE = 48
 #: relative difference of frequencies below which branches are treated as one degenerate set
 _DEGENERATE = 1e-9
 #: |dq|d at which branches that touch with one slope are told apart
@@ -315,6 +317,12 @@ class Block:
         """Find frequencies and eigenvectors in the basis of the point."""
         if point.across is not None:
             values, right = graded_eigh(self._make_matrix(point.rows, point.across), factorise)
+        elif self.free and self.size > _MANY_FREE:
+            # motions that cost nothing are split off: to tell them from the softest, plane rotations would take minutes
+            apart = lapack_svd(point.rows)[1]
+            soft, turn = graded_svd(point.rows @ apart[:, :, self.free :])
+            values = np.pad(soft, ((0, 0), (self.free, 0)))
+            right = np.concatenate([apart[:, :, : self.free], apart[:, :, self.free :] @ turn], axis=2)
         else:
             values, right = graded_svd(point.rows)
         small = (values <= self._limit * self._largest) & (values > 0.0)

@@ -146,7 +146,7 @@ class Compatibility:
         contacts, n = len(self.contacts), self.n_branches
         return 16 * n * (6 * len(self.rows) * contacts + 10 * n)
 
-    def require_memory(self) -> None:
+    def _require_memory(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if one wave vector takes more memory than is reasonable."""
         if self.bytes_per_wavevector > MOST_BYTES:
             what = f"the cell of {self.n_balls} balls has {self.n_branches} branches"
@@ -241,6 +241,7 @@ class Compatibility:
 
         In this frame the long-wave motion is one column, of half-angle sines, instead of a difference between n columns.
         """
+        self._require_memory()
         return self._complete(np.sqrt(self.masses / self.masses.sum()))
 
     @staticmethod
@@ -301,7 +302,6 @@ class Compatibility:
         Both are (kinds, n_c, n_branches), and multiplied by ``root``. The difference is the deformation at q = 0; for
         displacements of the centre of mass it is exactly zero.
         """
-        self.require_memory()
         motion = (self._frame if frame is None else frame) / np.sqrt(self.masses)[:, None]
         motion[:, 0] = 1.0 / np.sqrt(self.masses.sum())
         motion = np.pad(motion, ((0, 1), (0, 0)))  # the last is a body that does not move
@@ -388,6 +388,7 @@ class Compatibility:
         The first column is the motion of the centre of mass in both. Odd ones are multiplied by i, so that rows of a contact
         and of its image are complex conjugates.
         """
+        self._require_memory()  # also before images are sought among many contacts
         n = self.n_balls
         if self._images is None or np.array_equal(self._images[0], np.arange(n)):
             return self._frame

@@ -129,27 +129,43 @@ class LongWaves(Compatibility):
         return bool(np.max(np.abs(relaxed[turning]), initial=0.0) > _COUPLED * np.max(np.abs(relaxed), initial=0.0))
 
     @cached_property
-    def _free_motions_couple(self) -> bool:
-        """Whether inner motions that cost no energy at Gamma take part in sound.
+    def _with_sound(self) -> tuple[bool, Array]:
+        """Whether inner motions that cost no energy at Gamma take part in sound, and the part of the mass that sound moves.
 
         In a wave, their energy is of second order in q, as that of sound is. Where they do not couple with sound to that
         order, they are separate waves; this is always so for antiphase motions in a cell that holds several smaller cells.
+        Motions that deform nothing to this order stay behind: a ball that touches no other shifts against the rest. What
+        they have of the shift of all balls is missing from the mass, (n_u, n_u) of one if none do.
         """
-        _, free = self._inner_modes
-        if not free.shape[1]:
-            return False
+        inner, count = self._inner_modes[1], len(self.motions.translations)
+        if not inner.shape[1]:
+            return False, np.eye(count)
         # to first order in q the deformations of both sound and inner motions are i times real numbers
         gap, total = self._combine_ends(*self._weight_rows())
         half = 0.5 * np.tile(self.contacts.vector[:, : self.periods], (len(total), 1))
-        change = self._select_inner(total) @ free
         # a motion that deforms nothing at any q, such as the spin of a ball between two others, is left with rounding alone
         rows = np.linalg.norm(self._select_inner(np.abs(gap) + np.abs(total)), axis=1, keepdims=True)
-        change = np.where(np.abs(change) <= _SOFT * rows * np.linalg.norm(free, axis=0), 0.0, change)
-        waves = self._relax(half[:, :, None] * change[:, None, :])
-        sound = self._relaxed_rows.reshape(-1, len(self.motions.translations), self.periods)
-        coupling = np.einsum("rij,rlm->ijlm", sound, waves)
-        coupling = coupling + coupling.swapaxes(1, 2)
-        return bool(np.max(np.abs(coupling)) > _COUPLED * np.linalg.norm(sound) * np.linalg.norm(waves))
+        sound = self._relaxed_rows.reshape(-1, count, self.periods)
+
+        def make_waves(free: Array) -> Array:
+            change = self._select_inner(total) @ free
+            change = np.where(np.abs(change) <= _SOFT * rows * np.linalg.norm(free, axis=0), 0.0, change)
+            return self._relax(half[:, :, None] * change[:, None, :])
+
+        def couple(waves: Array) -> bool:
+            coupling = np.einsum("rij,rlm->ijlm", sound, waves)
+            coupling = coupling + coupling.swapaxes(1, 2)
+            return bool(np.max(np.abs(coupling), initial=0.0) > _COUPLED * np.linalg.norm(sound) * np.linalg.norm(waves))
+
+        if not couple(make_waves(inner)):
+            return False, np.eye(count)
+        free = np.linalg.qr(inner)[0]
+        waves = make_waves(free)
+        moved = sound.swapaxes(1, 2) / np.sqrt(self.masses.sum())  # as inner motions are, per root of mass
+        together = np.concatenate([moved, waves], axis=2).reshape(-1, count + free.shape[1])
+        still = _find_null(together)
+        rest = waves @ _find_null(still[:, count:]).T
+        return couple(rest), np.eye(count) - still[:, :count].T @ still[:, :count]
 
     def require_rigid(self) -> None:
         """Raise :class:`~granphon.base.errors.MechanismError` if the lattice is a :attr:`mechanism`.
@@ -173,7 +189,7 @@ class LongWaves(Compatibility):
         that does not couple, such as balls turning in opposite senses in a cell that holds several smaller cells, belongs to
         another wave vector of the smaller cell.
         """
-        if self._free_motions_couple:
+        if self._with_sound[0]:
             how = " (as gears do, on a lattice without odd rings)" if self.motions.rotate else ""
             return f"The balls of a cell can shift or turn against each other without a cost in energy{how}"
         if not self._strains.size:
@@ -272,6 +288,7 @@ class LongWaves(Compatibility):
         along = as_direction(direction, self.periods)
         many = along.reshape(-1, self.periods)
         tensor = np.einsum("...ijkl,nj,nl->...nik", self.gradient_stiffness(prestress), many, many) / self.masses.sum()
+        tensor = self._per_mass @ tensor @ self._per_mass
         return np.asarray(tensor if along.ndim > 1 else tensor[..., 0, :, :])
 
     def sound_velocities(self, direction: ArrayLike, prestress: ArrayLike | None = None) -> tuple[Array, Array]:
@@ -314,8 +331,25 @@ class LongWaves(Compatibility):
 
     def _compute_waves(self, along: Array) -> tuple[Array, Array]:
         rows = self._relaxed_rows.reshape(-1, len(self.motions.translations), self.periods)
-        factor = np.einsum("rij,...j->...ri", rows, along) / np.sqrt(self.masses.sum())
+        factor = np.einsum("rij,...j->...ri", rows, along) @ self._per_mass / np.sqrt(self.masses.sum())
         return decompose_waves(along, factor, self.motions.translations)
+
+    @property
+    def loose_warnings(self) -> tuple[str, ...]:
+        """A sentence about balls that sound leaves behind, or none."""
+        left = len(self.motions.translations) - float(np.trace(self._with_sound[1]))
+        if left <= _COUPLED:
+            return ()
+        part = left / len(self.motions.translations)
+        return (
+            f"balls that are not held, {part:.2g} of the mass, have no part in the moduli, and stay behind in sound waves",
+        )
+
+    @cached_property
+    def _per_mass(self) -> Array:
+        """(n_u, n_u) the root of all mass over that which sound moves."""
+        values, vectors = np.linalg.eigh(self._with_sound[1])
+        return np.asarray((vectors / np.sqrt(values)) @ vectors.T)
 
     @cached_property
     def wave_names(self) -> tuple[str, ...]:
@@ -397,6 +431,14 @@ class LongWaves(Compatibility):
         # coupling with the displacements, which lowers the branch at second order
         coupling = 0.5 * np.sum(turn * shift * ahead[:, None], axis=(0, 1))
         return squared, (narrowing - float(coupling @ coupling) / squared) / squared
+
+
+def _find_null(matrix: Array) -> Array:
+    """Return an orthonormal basis, as rows, of the vectors that a matrix takes to zero."""
+    _, values, right = np.linalg.svd(
+        np.pad(matrix, ((0, max(0, matrix.shape[1] - len(matrix))), (0, 0))), full_matrices=False
+    )
+    return np.asarray(right[values <= _SOFT * np.max(values, initial=0.0)])
 
 
 # -- polarisations ----------------------------------------------------------------------------------------------------

@@ -48,7 +48,11 @@ class SampleLaw:
     """The contact law of a simulation: mean force, stiffness and energy of a contact against the overlap.
 
     Methods take scalars or arrays of overlaps, m: floats in, floats out. Each overlap needs an equilibrium of every sample,
-    which is found when it is first asked for. The equilibria at the 64 overlaps that were asked for last are kept.
+    which is found at the first request. The equilibria at the last 64 overlaps are kept.
+
+    Attributes
+    ----------
+    simulation : the :class:`DirectSimulation` whose samples are solved.
     """
 
     simulation: DirectSimulation
@@ -95,7 +99,7 @@ class SampleLaw:
         return self._average_at(overlap, lambda sample: sample.stiffness_slope)
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
-        """Return the force fluctuation Delta f / f over the balls."""
+        """Return the force fluctuation over the balls, the ratio Delta f / f, at each ``overlap``, m."""
         return self._average_at(overlap, lambda sample: sample.force_fluctuation)
 
     def contact_fraction(self, overlap: ArrayLike) -> Any:
@@ -103,7 +107,7 @@ class SampleLaw:
         return self._average_at(overlap, lambda sample: sample.contact_fraction())
 
     def least_valid_force(self, width: float) -> float:
-        """Return 0 N: the simulation is valid at every load at which it finds an equilibrium."""
+        """Return 0 N for any ``width``, m: the simulation is valid at every load at which it finds an equilibrium."""
         return 0.0
 
     def overlap(self, force: ArrayLike) -> Any:

@@ -178,7 +178,7 @@ def sound_velocities(state: Any, direction: ArrayLike | None = None) -> SoundVel
             errors["transverse"] = found[..., first : first + 2]
     return SoundVelocities(
         longitudinal=named.get("longitudinal"), transverse=named.get("transverse"), direction=along,
-        warnings=find_warnings(state) + warn_of_free_branches(state, v),
+        warnings=find_warnings(state) + state.reference_lattice.loose_warnings + warn_of_free_branches(state, v),
         longitudinal_error=errors.get("longitudinal"), transverse_error=errors.get("transverse"),
         out_of_plane=named.get("out_of_plane"), velocities=np.take_along_axis(v, order, -1),
         polarisations=np.take_along_axis(vectors, order[..., None, :], -1),
@@ -400,7 +400,8 @@ def moduli(state: Any) -> Moduli:
         errors["tensor_error"] = standard_error(every, -3)
         if (isotropic or cubic) and tensor.shape[-1] > 1:
             errors["anisotropy_error"] = jackknife(anisotropy, shears(every))
-    return Moduli(tensor=tensor, isotropic=isotropic, warnings=find_warnings(state), cubic=cubic, **errors)
+    warnings = find_warnings(state) + state.reference_lattice.loose_warnings
+    return Moduli(tensor=tensor, isotropic=isotropic, warnings=warnings, cubic=cubic, **errors)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -151,10 +151,14 @@ def record_networks(x: Any, wanted: WaveSettings, whole: bool = False) -> dict[s
 
 @dataclass(frozen=True)
 class SampleWaves:
-    """Waves in the samples of a single state; what was not asked for is None.
+    """Waves in the samples of a single state; a result that was not requested is None.
 
-    ``dos``, ``spectra`` and ``motion`` are those of the first sample, or of the state if it has none, and ``pulse`` is of all
-    samples through which one could be sent.
+    Attributes
+    ----------
+    dos : density of states of the first sample.
+    spectra : spectral functions of the first sample along the path.
+    pulse : mean of the pulses through all samples that carry one.
+    motion : that of the first sample, or of the state if it has none.
     """
 
     dos: SpectralDensity | None = None
@@ -183,7 +187,7 @@ class SampleWaves:
 
     @property
     def results(self) -> dict[str, Any]:
-        """What was found, by the names of the files."""
+        """Results that exist, by the names of their files; each has :attr:`units`."""
         found = {"sample_dos": self.dos, "spectrum": self.spectra, "pulse": self.pulse, "motion": self.motion}
         return {name: one for name, one in found.items() if one is not None}
 

@@ -134,9 +134,12 @@ def _read_drive(value: Any, read: bool, folder: Path) -> DriveSettings:
         "force": partial(_read_signal, name="force", kind=PUSH, read=read, folder=folder),
         "displacement": partial(_read_signal, name="displacement", kind=WAY, read=read, folder=folder),
     }
+    given = [name for name in DRIVES if isinstance(value, dict) and name in value]
+    if len(given) > 1:
+        raise Refused(" and ".join(given), f"exactly one of {', '.join(DRIVES)}")
     found = block(value, rules, ("balls",))
-    if len(given := [name for name in DRIVES if name in found]) != 1:
-        raise Refused(" and ".join(given) or "balls alone", f"exactly one of {', '.join(DRIVES)}")
+    if not given:
+        raise Refused("balls alone", f"exactly one of {', '.join(DRIVES)}")
     return DriveSettings(**found)
 
 

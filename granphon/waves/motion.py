@@ -90,9 +90,9 @@ class Motion(Result):
         return self.times[top] + shift * (self.times[1] - self.times[0]), most - 0.25 * tilt * shift
 
     def arrivals(self, share: float = 0.5) -> Array:
-        """Return when the force of each contact first differs from that at the start by a ``share`` of what it ever does.
+        """Return the times, (n_c,), s, at which each force has changed by the part ``share`` of its greatest change.
 
-        (n_c,) s, between frames on a straight line; infinite where a force does not change.
+        Times between frames are interpolated linearly; the time is infinite where a force does not change.
         """
         change = np.abs(self.forces - self.forces[0])
         level = require("share", lambda value: number(value, 1e-9, 1.0), share) * change.max(axis=0)
@@ -107,9 +107,10 @@ class Motion(Result):
     ) -> float:  # fmt: skip
         """Return the velocity, m/s, at which the greatest force, or the front of :meth:`arrivals`, passes ``contacts``.
 
-        It is that of the straight line through distances over times. Distances are along the ``direction`` (3,), by default
-        from the first contact to the last. Raises :class:`~granphon.base.errors.InputError` for fewer than two contacts, and
-        for contacts that it does not reach one after another.
+        The front is where the force has the part ``share`` of its greatest change. A straight line is fitted to distances
+        over times. Distances are along the ``direction`` (3,), by default from the first contact to the last. Raises
+        :class:`~granphon.base.errors.InputError` for fewer than two contacts, and for contacts that it does not reach one
+        after another.
         """
         at = np.asarray(contacts)
         if at.ndim != 1 or at.size < 2 or at.dtype.kind not in "iu" or np.any((at < 0) | (at >= self.network.n_contacts)):

@@ -333,18 +333,6 @@ def test_run_writes_velocities(work, capsys):
     assert numbers <= set(summary["units"])
 
 
-def test_velocities_of_a_lattice_that_is_not_isotropic(work, capsys):
-    (work / "scene.yaml").write_text(SCENE.replace("triangular", "square"), encoding="utf-8")
-    assert main(["run", "scene.yaml", "-o", "out"]) == 0
-    assert "along (1, 0)" in capsys.readouterr().out
-    summary = yaml.safe_load((work / "out/summary.yaml").read_text())
-    state = Scene.from_yaml("scene.yaml").state()
-    assert summary["direction"] == [1.0, 0.0]
-    assert summary["longitudinal"] == gp.sound_velocities(state, (1.0, 0.0)).longitudinal
-    assert summary["bulk"] == gp.moduli(state).bulk  # the strain under pressure is even
-    assert "shear" not in summary
-
-
 def test_run_computes_only_what_is_observed(work):
     (work / "scene.yaml").write_text(SCENE.replace("[velocities]", "[dos]"), encoding="utf-8")
     result = Scene.from_yaml("scene.yaml").run("out", figures=False)

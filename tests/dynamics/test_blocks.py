@@ -400,15 +400,6 @@ def test_a_slab_bends_as_a_plate(masses):
 # -- velocities and polarisation ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("name", "motions", "terms"), [*FLEXURAL, ("honeycomb", ALL, {}), ("kagome", ALL, {})])
-def test_group_velocities_are_finite_differences(name, motions, terms):
-    lattice = make(name, motions, **terms)
-    q, h = np.array([GENERIC[lattice.periods]]) * 1.1, 1e-5
-    steps = h * np.eye(lattice.periods)
-    slope = (lattice.frequencies(q + steps) - lattice.frequencies(q - steps)).T / (2 * h)
-    assert_allclose(lattice.modes(q).group_velocities[0], slope, atol=2e-9)
-
-
 def test_motions_in_and_out_of_the_plane_do_not_mix_where_they_cross():
     lattice = make("triangular", ALL, bending=0.05)
     q = scatter(lattice, 200)

@@ -81,14 +81,6 @@ def test_pure_rotation_is_the_top_branch_at_m_and_the_bottom_one_at_k(hexagonal)
     assert_allclose(modes.rotational_fraction, [[0, 0, 1], [1, 0, 0]], atol=1e-15)
 
 
-def test_vanishing_friction_tends_to_none():
-    q = [[0.3, 0.4], [2.0, -1.0]]
-    bare = gp.ContactLattice.of("triangular", 0.0).frequencies(q)
-    for eta in (1e-6, 1e-9):
-        # the rotational branch sinks to zero like sqrt(30 eta), below the others
-        assert_allclose(gp.ContactLattice.of("triangular", eta).frequencies(q)[:, 1:], bare, rtol=20 * eta)
-
-
 # -- fractions and polarisation ---------------------------------------------------------------------------------------
 
 

@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.base.errors import InputError
+from granphon.dynamics.contact_lattice import ContactLattice
 from tests.networks.twin import dynamical_matrix
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
@@ -137,18 +138,6 @@ def test_the_network_of_a_state_has_the_numbers_of_its_lattice(name, options, fi
             assert_allclose(found.elastic_tensor(), tensor, rtol=0.0, atol=1e-13 * np.max(tensor))
 
 
-@pytest.mark.parametrize(("name", "shape"), [("triangular", (3, 2)), ("fcc", (2, 1, 2)), ("chain", (5,))])
-def test_a_supercell_folds_the_bands_of_the_cell(name, shape):
-    cell = random_network(name, (1,) * len(shape))
-    one, many = gp.ContactLattice.from_network(cell), gp.ContactLattice.from_network(cell.repeat(shape))
-    q = np.random.default_rng(2).uniform(-1.0, 1.0, len(shape))
-    steps = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1).reshape(-1, len(shape))
-    unit = one.frequencies(one.wavevectors((steps + q) / shape))
-    found = many.frequencies(many.wavevectors(q[None]))[0]
-    ratio = cell.repeat(shape).scales.frequency / cell.scales.frequency
-    assert_allclose(ratio * found, np.sort(unit.ravel()), rtol=1e-12, atol=1e-14)
-
-
 # -- closed forms -------------------------------------------------------------------------------------------------------
 
 
@@ -181,6 +170,29 @@ def rock_salt(k, kappa, masses):
 
 
 # -- what is refused ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("force", [0.5, 0.05])
+def test_loose_balls_are_set_aside(force):
+    """Balls without a load, and rows of two that roll between others, are in no modulus, and stay behind in sound."""
+    steel = gp.Material(211.65e9, 0.276, 7840.0)
+    packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2.04e-6))
+    sample = gp.DirectSimulation(packing, (8, 8), 0, geometry="lattice").at_force(force).sample
+    network, lattice = sample.network, ContactLattice.from_network(sample.network)
+    moduli, sound = gp.moduli(network), gp.sound_velocities(network, direction=(1, 0))
+    assert_allclose(moduli.tensor, sample.elastic_tensor, rtol=0.0, atol=1e-12 * np.max(moduli.tensor))
+    count = lattice.free_branches
+    assert count >= 3 * len(network.rattlers) > 0
+    slopes = lattice.frequencies([[1e-6, 0.0]])[0, count : count + 2] / 1e-6 * network.scales.velocity
+    assert_allclose(sound.velocities, slopes, rtol=1e-9)
+    for found in (moduli, sound):
+        assert any("not held" in one for one in found.warnings)
+    if force == 0.5:  # two rattlers of 64 balls
+        bare = gp.sound_velocities(network.without_rattlers(), direction=(1, 0))
+        assert_allclose(bare.velocities, sound.velocities, rtol=1e-5)
+    pulse = gp.pulse_velocities(network, 300.0, (1, 0))
+    assert np.all(pulse.group < [sound.longitudinal, sound.transverse])
+    assert np.all(pulse.group > 0.9 * np.array([sound.longitudinal, sound.transverse]))
 
 
 def test_networks_that_have_no_lattice_are_refused():

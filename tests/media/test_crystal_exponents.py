@@ -1,7 +1,8 @@
-"""The local exponent of simulated arrays and its standard error, on a line and in space."""
+"""The local exponent of simulated arrays and its standard error, on a line, in the plane and in space."""
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -15,6 +16,7 @@ from tests.conftest import only
 WIDTH = 2.04e-6
 SMALL = {"fcc": (4, 4, 4), "hcp": (3, 4, 2)}
 in_space = pytest.mark.parametrize("lattice", only(["fcc"], SMALL))
+ALL = SMALL | {"triangular": (6, 6)}
 
 
 def balls(steel, lattice, friction=False):
@@ -22,31 +24,39 @@ def balls(steel, lattice, friction=False):
 
 
 def longitudinal(simulation, kind, load):
-    """K + 4G/3 of each sample at a load, averaged over all directions; with its force and stiffness; (n_samples, 3)."""
+    """The mean of c_11 over all directions for each sample at a load; with its force and stiffness; (n_samples, 3)."""
     state = getattr(simulation, f"at_{kind}")(load)
     c = np.array([sample.elastic_tensor for sample in state.samples])
+    p = {3: 2, 6: 3}[c.shape[1]]
     along, across, shear = (
         np.mean([c[:, a, b] for a, b in pairs], axis=0)
-        for pairs in ([(0, 0), (1, 1), (2, 2)], [(0, 1), (0, 2), (1, 2)], [(3, 3), (4, 4), (5, 5)])
-    )
-    # the mean of c_11 over all directions
-    modulus = 0.6 * along + 0.4 * across + 0.8 * shear
+        for pairs in (
+            [(a, a) for a in range(p)], itertools.combinations(range(p), 2), [(a, a) for a in range(p, c.shape[1])],
+        )
+    )  # fmt: skip
+    # the means of cos^4 and cos^2 sin^2 of an angle to an axis, over the plane and over space
+    modulus = along * 0.75 + across * 0.25 + shear * 0.5 if p == 2 else 0.6 * along + 0.4 * across + 0.8 * shear
     return np.stack([modulus, [s.force for s in state.samples], [s.normal_stiffness for s in state.samples]], axis=-1)
 
 
-@in_space
-@pytest.mark.parametrize("kind", only(["force"], ["force", "pressure", "overlap"]))
-@pytest.mark.parametrize("friction", only([False], [False, True]))
+@pytest.mark.parametrize(
+    ("lattice", "kind", "friction"),
+    only(
+        [("fcc", "force", False), ("triangular", "force", True), ("triangular", "overlap", True)],
+        itertools.product(ALL, ["force", "pressure", "overlap"], [False, True]),
+    ),
+)
 def test_exponent_and_error_are_those_of_samples_left_out_one_by_one(steel, lattice, kind, friction):
     packing = balls(steel, lattice, friction)
-    simulation = gp.DirectSimulation(packing, SMALL[lattice], seed=3, samples=3)
+    simulation = gp.DirectSimulation(packing, ALL[lattice], seed=3, samples=3)
     force = 0.3 * packing.width_units.force
-    load = {"force": force, "pressure": 8.0**0.5 * force / 8e-3**2, "overlap": 0.43 * WIDTH}[kind]
+    pressure = 3.0**0.5 * force / 8e-3 if lattice == "triangular" else 8.0**0.5 * force / 8e-3**2
+    load = {"force": force, "pressure": pressure, "overlap": 0.43 * WIDTH}[kind]
     state = getattr(simulation, f"at_{kind}")(load)
     here = longitudinal(simulation, kind, load)
     beside = []
     for index, (_, own, _) in enumerate(here):
-        alone = gp.DirectSimulation(packing, SMALL[lattice], seed=3 + index)
+        alone = gp.DirectSimulation(packing, ALL[lattice], seed=3 + index)
         low, high = (longitudinal(alone, "force", own * math.exp(step))[0, 0] for step in (-STEP, STEP))
         beside.append(math.log(high / low) / (2.0 * STEP))
 
@@ -61,7 +71,7 @@ def test_exponent_and_error_are_those_of_samples_left_out_one_by_one(steel, latt
     assert_allclose(state.exponent, exponent([0, 1, 2]), rtol=1e-6)
     assert_allclose(state.exponent_error, math.sqrt(2.0 / 3.0 * np.sum((without - np.mean(without)) ** 2)), rtol=1e-4)
     assert gp.local_exponent(state) == state.exponent
-    alone = gp.DirectSimulation(packing, SMALL[lattice], seed=3).at_force(force)
+    alone = gp.DirectSimulation(packing, ALL[lattice], seed=3).at_force(force)
     assert math.isnan(alone.exponent_error)
 
 

@@ -647,7 +647,7 @@ HISTORY = ("friction_history: true", "friction_coefficient: 0.2")
 
 def test_a_scene_and_its_resolved_form_are_the_simulation(tmp_path):
     given = scene(medium=options(*HISTORY, "start: {force: 0.4 N}", "shear_response: stick"))
-    given.run(tmp_path / "out")
+    given.run(tmp_path / "out", figures=False)
     again = gp.Scene.from_yaml(tmp_path / "out" / "scene.yaml")
     assert again == given
     medium = gp.DirectSimulation(
@@ -706,24 +706,24 @@ def test_a_run_in_the_exact_geometry_says_that_overlap_is_finite(tmp_path, monke
 
 
 def test_a_sweep_says_which_media_have_finite_overlap(tmp_path):
-    swept = gp.Scene.from_text(WIDE.replace("300 N", "[200 N, 300 N]")).run(tmp_path / "out")
+    swept = gp.Scene.from_text(WIDE.replace("300 N", "[200 N, 300 N]")).run(tmp_path / "out", figures=False)
     assert (swept.dataset.attrs["finite_overlap"], "exponent" in swept.dataset.attrs) == (1, False)
     assert yaml.safe_load((tmp_path / "out" / "summary.yaml").read_text())["finite_overlap"] is True
     mixed = gp.Scene.from_text(WIDE.replace("medium: {", "medium: [ema, {").replace("0.1}}", "0.1}}]"))
     assert not mixed.finite_overlap
-    found = replace(mixed, load=Load("force", [300.0])).run(tmp_path / "mixed")
+    found = replace(mixed, load=Load("force", [300.0])).run(tmp_path / "mixed", figures=False)
     assert (found.dataset.attrs["finite_overlap"], found.finite_overlap) == (0, [False, True])
     summary = yaml.safe_load((tmp_path / "mixed" / "summary.yaml").read_text())
     assert summary["finite_overlap"] == [False, True]
     lines = [facts["overlap"] for facts, _ in describe_lines(found.dataset, "longitudinal")]
     assert lines == ["limit of small overlap", "finite overlap"]
-    every = replace(mixed, load=Load("force", [300.0]), finite_overlap=True).run(tmp_path / "every").dataset
+    every = replace(mixed, load=Load("force", [300.0]), finite_overlap=True).sweep()
     assert (every.attrs["finite_overlap"], "exponent" in every.attrs) == (1, True)
 
 
-def test_a_sweep_is_loaded_as_its_scene_says(tmp_path):
+def test_a_sweep_is_loaded_as_its_scene_says():
     loads = "{force: [3 N, 1.5 N]}"
-    path = scene(load=loads, medium=options(*HISTORY, "ordered: true")).run(tmp_path / "path").dataset
+    path = scene(load=loads, medium=options(*HISTORY, "ordered: true")).sweep()
     loaded, state = (
         find(simulation(shape=(4, 4), step_tolerance=0.1, geometry=None))
         for find in (lambda one: one.at_force([3.0, 1.5]), lambda one: one.path(force=[3.0, 1.5]))

@@ -453,33 +453,11 @@ def test_the_exponent_of_a_sample_is_the_difference_of_log_v_over_log_p(spread, 
         assert math.isnan(one.exponent_error)
 
 
-def test_the_exponent_of_several_samples_is_that_of_their_mean_moduli(spread):
-    # so small that they differ, and so pressed that no contact opens: what is left of the step is its square
-    medium, step = simulate(spread, (3, 3), seed=8, samples=5), 1e-4
-    for at, load in ((medium.at_force, 4.0 * unit_of_force(spread)), (medium.at_overlap, 2.0 * WIDTH)):
-        state, ends = at(load), at(load * (1.0 + step * np.array([-1.0, 1.0])))
-        assert np.ptp(state.over_samples(lambda sample: sample.elastic_tensor)) > 0.0
-        expected = np.diff(np.log(gp.sound_velocities(ends).longitudinal))[0] / np.diff(np.log(ends.force))[0]
-        assert state.exponent == pytest.approx(expected, abs=1e-6)
-        alone = [part(state, [index]).exponent for index in range(5)]
-        assert np.ptp(alone) > 1e-5
-        assert abs(np.mean(alone) - expected) > 1e-6 or not state.fixed_overlap
-
-
 def part(state, which):
     """The state of some of the samples under one load."""
     samples = [state.samples[index] for index in which]
     load = Load("overlap", state.overlap) if state.fixed_overlap else Load("force", state.force)
     return SimulatedState.of(state.law.simulation, samples, load)
-
-
-def test_the_error_of_the_exponent_is_that_of_leaving_samples_out(spread):
-    medium = simulate(spread, (6, 6), seed=1, samples=6)
-    for state in (medium.at_force(0.1 * unit_of_force(spread)), medium.at_overlap(0.2 * WIDTH)):
-        without = [part(state, [i for i in range(6) if i != out]).exponent for out in range(6)]
-        expected = math.sqrt(5.0 * np.var(without))
-        assert state.exponent_error == pytest.approx(expected, rel=1e-9)
-        assert 0.0 < state.exponent_error < 0.05
 
 
 @pytest.mark.claim("exponent-step")

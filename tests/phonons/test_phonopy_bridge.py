@@ -58,7 +58,10 @@ LINE = {1: "0 0 0 1/2 0 0", 2: "0 0 0 1/3 1/3 0 1/2 0 0 0.1 0.3 0", 3: "0 0 0 1/
 
 
 #: these take the same ways as the others
-MANY = ("chain", "out of plane", "hcp", "smooth fcc", "held balls")
+MANY = (
+    "smooth finite overlap", "micrometre balls", "ten-metre balls", "membrane", "finite fcc", "chain", "out of plane", "hcp",
+    "smooth fcc", "held balls",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module", params=[pytest.param(one, marks=[pytest.mark.exhaustive] * (one in MANY)) for one in CASES])

@@ -255,7 +255,7 @@ def test_pulse_that_cannot_be_read_is_told_and_all_else_is_written(tmp_path):
 def test_pulse_that_cannot_be_sent_is_told_and_all_else_is_written(tmp_path):
     # the top of the modes is known once the forces are, and margins before
     scene = gp.Scene.from_text(_with_pulse(ONE, frequency="100 kHz"))
-    result = scene.run(tmp_path / "out")
+    result = scene.run(tmp_path / "out", figures=False)
     assert any("arrival of the pulse is not known" in text and "above the top" in text for text in result.warnings)
     assert (tmp_path / "out" / "summary.yaml").exists()
     assert not list((tmp_path / "out").glob("pulse.*"))
@@ -265,7 +265,7 @@ def test_pulse_that_cannot_be_sent_is_told_and_all_else_is_written(tmp_path):
 def test_load_at_which_no_pulse_is_read_is_nan_with_a_warning(tmp_path):
     one = HEAD.replace(", samples: 2", "")
     text = _with_pulse(one.replace("2 N, 40 N", "0.02 N, 40 N"), frequency="30 kHz", cycles="3")
-    result = gp.Scene.from_text(text).run(tmp_path / "out")
+    result = gp.Scene.from_text(text).run(tmp_path / "out", figures=False)
     velocity = result.dataset.pulse_velocity.values[:, 0]
     assert np.isnan(velocity[0])
     assert np.isfinite(velocity[1])

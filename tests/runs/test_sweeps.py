@@ -159,8 +159,6 @@ def test_nothing_is_nan_and_equal_balls_are_infinitely_regular(packing):
     for name, variable in ds.variables.items():
         assert variable.dtype.kind in "bU" or not np.any(np.isnan(variable)), name
     assert np.all(np.isposinf(ds["reduced_force"]))
-    for medium in LADDER:
-        assert_array_equal(ds["longitudinal"].sel(medium=medium), ds["longitudinal"].sel(medium="ala"))
 
 
 def test_options_of_a_medium_show_in_its_label(rough):
@@ -185,28 +183,6 @@ def test_the_order_of_loads_is_only_an_order(steel, forces, random):
 
 SAMPLES = {"simulation": {"shape": (10, 10), "seed": 2, "samples": 3}}
 ERRORS = ["longitudinal_error", "transverse_error", "bulk_error", "shear_error"]
-
-
-@pytest.mark.parametrize(
-    ("load", "values"),
-    only([("pressure", [1e3, 500.0])], [("force", FORCES), ("pressure", [1e3, 500.0]), ("overlap", [1e-6, 1e-7])]),
-)
-def test_samples_apart_are_samples_together(rough, load, values):
-    """Samples are cut from each other and put together again: to the last bit what one simulation gives."""
-    frictions = [True, False]
-    ds = sweep(rough, **{load: values}, media=SAMPLES, friction=frictions)
-    assert set(ds.data_vars) == {*STATE, *OTHERS, *ERRORS, "force", "contact_force_fluctuation"} - {load}
-    for friction in frictions:
-        packing = dataclasses.replace(rough, friction=friction)
-        state = getattr(gp.DirectSimulation(packing, (10, 10), 2, 3), f"at_{load}")(values)
-        velocities, constants = gp.sound_velocities(state), gp.moduli(state)
-        expected = {name: getattr(state, name) for name in {*STATE, "force", "contact_force_fluctuation"} - {load}}
-        expected |= {name: getattr(velocities, name) for name in ("longitudinal", "transverse", *ERRORS[:2])}
-        expected |= {name: getattr(constants, name) for name in ("bulk", "shear", *ERRORS[2:])}
-        expected |= {"exponent": gp.local_exponent(state), "exponent_error": state.exponent_error}
-        for name, numbers in expected.items():
-            assert_array_equal(ds[name].sel(friction=friction)[:, 0], numbers, name)
-        assert np.all(ds["longitudinal_error"] > 0.0)
 
 
 def test_a_sweep_of_samples_warns_as_their_state_does(rough):
@@ -239,7 +215,6 @@ def test_media_that_sample_nothing_have_no_error(rough):
 
 def test_an_interrupted_sample_is_not_simulated_again(rough, tmp_path):
     arguments = {"force": [18.446, 5.0], "media": [SAMPLES], "width": [0.0, WIDTH]}
-    whole = sweep(rough, **arguments)
     with pytest.raises(KeyboardInterrupt):
         sweep(rough, path=tmp_path / "sweep.nc", progress=Meter(stop=8), **arguments)
     assert len(parts_in(tmp_path)) == 4
@@ -250,7 +225,6 @@ def test_an_interrupted_sample_is_not_simulated_again(rough, tmp_path):
     folder.mkdir()
     (tmp_path / PARTIAL).rename(folder / PARTIAL)
     assert resumed(rough, folder, expected, arguments | {"media": more}) == 16 - 8
-    assert resumed(rough, tmp_path / "anew", whole, arguments) == 12
 
 
 @pytest.mark.parametrize(

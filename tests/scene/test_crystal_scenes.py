@@ -684,7 +684,7 @@ def test_a_scene_sweeps_lattices_of_another_dimension_than_its_packing(tmp_path)
     scene = read("friction: true", "pressure: [10 kPa, 20 kPa]", "sweep: {lattice: [fcc, hcp], bending: [0, 0.1]}")
     assert scene.packing.lattice == "fcc"
     assert Scene.from_text(scene.to_yaml()) == scene
-    result = scene.run(tmp_path / "out")
+    result = scene.run(tmp_path / "out", figures=False)
     assert result.summary()["sizes"] == {"load": 2, "medium": 1, "lattice": 2, "bending": 2}
     assert read_summary(tmp_path / "out")["units"]["transverse_slow"] == "m/s"
 

@@ -212,7 +212,7 @@ def test_drives_that_are_refused(drive, said, tmp_path):
         (("duration: 40 us", "duration: 1 h"), "steps"),
         (("  duration: 40 us\n", ""), "duration"),
         (("frames: 21", "frames: 1"), "from 2 to"),
-        (("frames: 21", "step: 20 us"), "too long"),
+        (("frames: 21", "frames: 2\n  step: 20 us"), "too long"),
         (("damping: 1 us", "damping: -1 us"), "negative"),
         (("friction_coefficient: 0.3", "friction_coefficient: -1"), "zero or above"),
         (("axis: 1, layers: 4", "axis: 7, layers: 4"), "axis"),

@@ -110,15 +110,6 @@ def test_loads_reach_the_medium(kind, text):
     assert getattr(scene.state(), kind) == pytest.approx({"force": 3.0, "pressure": 4e3, "overlap": 1e-6}[kind], rel=1e-15)
 
 
-@pytest.mark.parametrize("medium", ["ala", "afa", "ema", "{ema: }", "{afa: {}}"])
-def test_every_medium_is_the_averaged_lattice_for_equal_balls(medium):
-    scene = Scene.from_text(f"{MINIMAL}medium: {medium}\n")
-    assert [choice.label for choice in scene.media] == [medium.strip("{}: ")[:3]]
-    state, equal = scene.state(), Scene.from_text(MINIMAL).state()
-    for name in equal.units:
-        assert getattr(state, name) == getattr(equal, name)
-
-
 def test_paths_and_grids():
     text = MINIMAL + "phonopy: {dim: [4, 3, 1], band: '0 0 0 1/2 0 0, 1/3 1/3 0 -0.25 1e-3 0', mesh: 8 6 1}\n"
     scene = Scene.from_text(text)
@@ -152,12 +143,6 @@ def test_a_simulation_in_a_scene():
     # what is written names every option, and is the same scene
     assert "shape: [16, 12]\n    seed: 3\n    samples: 2\n" in scene.to_yaml()
     assert Scene.from_text(scene.to_yaml()) == scene
-
-
-def test_the_defaults_of_a_simulation_are_written_out():
-    scene = Scene.from_text(SIMULATION + "medium: simulation\n")
-    assert scene.media == (MediumChoice("simulation"),)
-    assert "medium:\n  simulation:\n    shape: [128, 128]\n    seed: 0\n    samples: 1\n" in scene.to_yaml()
 
 
 def test_a_simulation_beside_other_media_and_over_parameters():

@@ -57,7 +57,7 @@ def test_a_diatomic_chain_has_the_edges_of_its_bands_and_its_gap(tmp_path):
 def test_what_a_sweep_finds_is_what_states_have(tmp_path):
     text = BALLS + "crystal: {lattice: chain, kinds: [A, S]}\nload: {force: {from: 1 N, to: 20 N, points: 3}}\n"
     scene = gp.Scene.from_text(text + "sweep: {A.diameter: [12 mm, 19.05 mm], S.density: [8000 kg/m^3, 7000 kg/m^3]}\n")
-    data = scene.run(tmp_path / "out").dataset
+    data = scene.run(tmp_path / "out", figures=False).dataset
     assert data["longitudinal"].dims == ("load", "medium", "A.diameter", "S.density")
     read = load_sweep(tmp_path / "out" / "sweep.nc")
     for d, diameter in enumerate((12e-3, 19.05e-3)):
@@ -93,10 +93,10 @@ def test_sweeps_in_python_take_crystals():
         gp.sweep(gp.Packing(STEEL, 8e-3), force=[1.0], media="crystal")
 
 
-def test_loads_that_are_tensors(tmp_path):
+def test_loads_that_are_tensors():
     text = BALLS + "crystal: {lattice: fcc, kinds: [S]}\ndirection: [0, 0, 1]\n"
     scene = gp.Scene.from_text(text + "load: {strain: [0, 0, -1e-4, 0, 0, 0], times: [0.1, 1, 2]}\n")
-    data = scene.run(tmp_path / "out").dataset
+    data = scene.sweep()
     crystal = gp.Crystal.on("fcc", [balls()[1]])
     strains = -1e-4 * np.array([0.1, 1.0, 2.0])[:, None] * np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
     states = crystal.at_strain(strains)
@@ -125,7 +125,7 @@ def test_loads_that_are_tensors(tmp_path):
 )  # fmt: skip
 def test_layers_stand_on_a_floor(tmp_path, lines, check):
     state = check(gp.Crystal.on("square", [balls()[0]]))
-    result = gp.Scene.from_text(BALLS + lines).run(tmp_path / "out")
+    result = gp.Scene.from_text(BALLS + lines).run(tmp_path / "out", figures=False)
     live = state.normal_force[state.normal_stiffness > 0.0]
     assert result.summary()["force"] == pytest.approx(live.mean(), rel=1e-12)
     assert result.bands.frequencies.max() == pytest.approx(gp.Phonons(state).bands().frequencies.max(), rel=1e-9)
@@ -168,7 +168,7 @@ load: {pressure: 20 kN/m}
     assert scene.state().source.normal_force == pytest.approx(right.normal_force, rel=1e-13)
     assert np.ptp(right.normal_force) > 0.0
     assert gp.Scene.from_text(scene.to_yaml()) == replace(scene, source=None)
-    found = scene.run(tmp_path / "out").summary()
+    found = scene.run(tmp_path / "out", figures=False).summary()
     assert found["force"] == pytest.approx(np.mean(right.normal_force), rel=1e-12)
     weak = gp.Scene.from_text(text.replace("pressure: 20 kN/m", "force: 2 N"))
     assert weak.state().contact_fraction < 1.0
