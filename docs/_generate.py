@@ -117,7 +117,8 @@ SCENES = {
     f"medium: {{{_CUBE}}}",
     "cube": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}, lattice: fcc}}\nload: {{force: 20 N}}\n"
     f"medium: {{{_CUBE}}}",
-    "crystal": "packing: {diameter: 8 mm, lattice: fcc}\nload: {force: 5 N}\nobserve: [bands]\nphonopy: {band_points: 3}",
+    "crystal": "packing: {diameter: 8 mm, lattice: fcc}\nload: {force: 5 N}\nobserve: [bands]\nphonopy: {band_points: 3}\n"
+    "bands: {damping: 1 us, loss_factor: 0.01}",
 }  # fmt: skip
 
 

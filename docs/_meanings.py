@@ -85,6 +85,7 @@ FILES = {
     "summary.yaml": ("always", "the numbers, see [below](#summaryyaml)"),
     "band.yaml": ("`bands`", "bands in phonopy's format, see [below](#bandyaml)"),
     "phonopy_params.yaml": ("`bands`", "force constants for phonopy and Euphonic, see [below](#phonopy_paramsyaml)"),
+    "damped_bands.csv": ("`bands` with a block `bands`", "bands, and frequency, decay and Q of these with losses"),
     "dos.csv": ("`dos`", "density of states, see [below](#doscsv)"),
     "sample.extxyz": ("a simulation at one load", "the balls of the first sample, see [below](#sampleextxyz)"),
     "sample_balls.csv": (

@@ -6,7 +6,16 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from granphon.figures.scales import MOTION, SPECTRUM, add_bar, add_legend, draw_balls, draw_densities, scale_axis, styled_figure
+from granphon.figures.scales import (
+    MOTION,
+    SPECTRUM,
+    add_bar,
+    add_legend,
+    draw_balls,
+    draw_densities,
+    scale_axis,
+    styled_figure,
+)
 
 import matplotlib
 import numpy as np

@@ -399,6 +399,14 @@ _OBSERVABLES = (
         "frequencies", "Hz", "frequencies of the branches, in ascending order", cost="bands",
         dims=("segment", "point", "branch"),
     ),
+    *(
+        Observable(name, unit, title, cost="bands", dims=("segment", "point", "branch"))
+        for name, unit, title in (
+            ("damped_frequency", "Hz", "frequencies of the branches of contacts that lose energy"),
+            ("damped_decay", "1/s", "rates at which the amplitudes of these branches decay"),
+            ("damped_quality", "1", "Q factors of these branches, infinite without loss"),
+        )
+    ),
     Observable("gaps", "Hz", "intervals from zero to the top frequency without a branch", cost="bands", swept=False),
     Observable("top_frequency", "Hz", "the highest frequency of the bands", cost="bands", swept=False, told=True),
 )  # fmt: skip

@@ -64,6 +64,7 @@ FORMAT = "granphon sweep"
 _ROWS = {
     "sweep_dos": ("node",), "sweep_spectra": ("polarisation", "wavevector"), "response": ("response_frequency", "receiver"),
     "motion": ("motion_time",),
+    "damped_bands": ("segment", "point", "branch"),
 }  # fmt: skip
 #: name of the attribute with the sha256 digest of the numbers
 DIGEST = "granphon_sha256"
@@ -100,7 +101,7 @@ _ZERO_OR_ABOVE = {
 }  # fmt: skip
 _VELOCITIES = {"longitudinal", "transverse", "transverse_slow", "transverse_fast", "twist"}
 #: variables that are infinite for equal balls, or where no error is known
-_MAY_BE_INFINITE = {"reduced_force", "reduced_spacing", "expected_error", "mean_free_path"}
+_MAY_BE_INFINITE = {"reduced_force", "reduced_spacing", "expected_error", "mean_free_path", "damped_quality"}
 #: variables that are nan where a warning says that they are not known
 _MAY_BE_UNKNOWN = {name for name, one in CATALOGUE.items() if one.cost in _OF_WAVES}
 #: standard errors, nan where they are not known
@@ -229,8 +230,7 @@ def make_frame(grid: Grid) -> Dataset:
         for one in waves.of_networks:
             for name, (values, unit) in one.coordinates.items():
                 coordinates[name] = (name, np.array(values), {"units": unit} if unit else {})
-    if asked.surface is not None:
-        attrs["surface"] = to_json(asked.surface)
+    attrs |= {name: to_json(one) for name, one in (("surface", asked.surface), ("damping", asked.bands)) if one is not None}
     if asked.finite_overlap and not all(one.is_exact for one in grid.media):
         attrs["exponent"] = "left out: it is defined in the limit of small overlap"
     return Dataset(variables, coordinates, attrs | {"packing": to_json(grid.packing)})
@@ -271,7 +271,11 @@ def list_finite_overlap(dataset: Dataset) -> list[bool]:
 def collect_identity(frame: Dataset) -> dict[str, Any]:
     """Return all that determines the numbers, as plain data; a frame and the sweep read from its file give the same."""
     made, path = json.loads(frame.attrs["versions"]), [name for name in ("labels", "qpoints") if name in frame]
-    out = {name: json.loads(frame.attrs[name]) for name in ("packing", "media", "waves", "surface") if name in frame.attrs}
+    out = {
+        name: json.loads(frame.attrs[name])
+        for name in ("packing", "media", "waves", "surface", "damping")
+        if name in frame.attrs
+    }
     out |= {"finite_overlap": bool(frame.attrs["finite_overlap"]), "versions": {name: made[name] for name in packages()}}
     known = {*LOAD_KINDS, *PARAMETERS, "direction"}
     for name in [name for name in frame.coords if name in known or "." in str(name)] + path:
@@ -429,6 +433,8 @@ def write_waves(dataset: Dataset, path: Path) -> None:
     """
     extra = _ROWS[path.stem]
     dims = (*dataset["valid"].dims, *extra)
+    if path.stem == "damped_bands":  # numbered, from zero
+        dataset = dataset.assign_coords({name: np.arange(dataset.sizes[name]) for name in extra})
     whole = [one for one, data in dataset.data_vars.items() if set(extra[-1:]) <= set(data.dims) <= set(dims)]
     _write_rows(dataset, path, dims, [*(one for one in extra if one in dataset.coords), *whole])
 

@@ -196,9 +196,7 @@ def read_motion(name: str, data: bytes) -> Motion:
         dataset = open_bytes(data)
         if dataset.attrs.get("format") != _FORMAT:
             raise ValueError("it holds no motion")
-        found: dict[str, dict[str, Any]] = {
-            before: json.loads(dataset.attrs[f"{before}rest"]) for before in (_NETWORK, "")
-        }
+        found: dict[str, dict[str, Any]] = {before: json.loads(dataset.attrs[f"{before}rest"]) for before in (_NETWORK, "")}
         for key, variable in dataset.data_vars.items():
             before = _NETWORK if str(key).startswith(_NETWORK) else ""
             found[before][str(key).removeprefix(before)] = variable.values

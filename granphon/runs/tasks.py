@@ -49,7 +49,7 @@ from granphon.observables.velocities import warn_of_free_branches
 from granphon.phonons.paths import interpolate_path, special_points
 from granphon.runs.store import TaskResult
 from granphon.runs.workers import packages
-from granphon.waves.settings import SurfaceSettings, WaveSettings
+from granphon.waves.settings import BandsSettings, SurfaceSettings, WaveSettings
 
 Array = NDArray[Any]
 #: warning that goes with the bands of a simulation
@@ -96,6 +96,7 @@ class Asked:
     direction : that of sound, Cartesian, one or many; None for x.
     waves : what is asked of the waves in each sample of a simulation; None for nothing.
     surface : the edge whose waves are asked for; None for none.
+    bands : how contacts damp the bands; None for bands without loss alone.
     exponents : whether those of the velocities are, for which a simulation solves two more equilibria at each load.
     sound : whether a lattice that has no velocities, a mechanism, is an error; otherwise they are left out.
     alone : whether it is the only state. The balls of its samples are kept, for files and figures of them, and messages need
@@ -107,6 +108,7 @@ class Asked:
     direction: tuple[Any, ...] | None = None
     waves: WaveSettings | None = None
     surface: SurfaceSettings | None = None
+    bands: BandsSettings | None = None
     exponents: bool = True
     sound: bool = True
     alone: bool = False
@@ -411,6 +413,14 @@ class MediumTask:
             found["frequencies"] = (hertz[:, None, None] * rows).reshape(len(loads), *way[0].shape[:2], -1)
             notes += [*lattices[0].free_branch_warnings, *lattices[0].soft_mode_warnings(paths[0], rows[0])]
             notes += [LATTICE_BANDS] * bool(state.n_samples)
+            if (lossy := asked.bands) is not None:
+                from granphon.phonons.phonons import Phonons  # imported here: other runs do not need phonopy
+
+                q, shape = way[0].reshape(-1, 3), (len(loads), *way[0].shape[:2], -1)
+                damped = [Phonons(one).damped(q, lossy.damping, lossy.loss_factor) for one in loads]
+                found["damped_frequency"] = np.array([one.frequencies.real for one in damped]).reshape(shape)
+                found["damped_decay"] = np.array([one.decay for one in damped]).reshape(shape)
+                found["damped_quality"] = np.array([one.quality for one in damped]).reshape(shape)
         return found | {"warnings": _write_notes(notes)}
 
     def record_networks(self, state: ContactState, whole: bool = False) -> list[SampleRecord]:

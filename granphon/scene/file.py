@@ -36,6 +36,7 @@ from granphon.waves.drives import named_tables
 from granphon.waves.settings import (
     NETWORK_BLOCKS,
     POLARISATIONS,
+    BandsSettings,
     PulseSettings,
     SpectrumSettings,
     SurfaceSettings,
@@ -236,6 +237,8 @@ FIELDS: tuple[Field, ...] = (
     _wave("motion.frames", "number of times that are kept, the start and the end among them", "`201`"),
     _wave("motion.step", "step of time, of which a frame has a whole number", "as the stiffest contact allows"),
     *_network("motion"),
+    _wave("bands.damping", "viscosity of a contact over its stiffness, of damped bands; as of `response`", "`0 s`"),
+    _wave("bands.loss_factor", "loss factor of a contact; as of `response`", "`0`"),
     Field(
         "phonopy.dim", "dim", rules.grid_kind(("3 1 1", "3 3 1", "3 3 3"), 2, 100, 2),
         "cells of the supercell for force constants, along each period; `3 1 1` on a chain, `3 3 3` in space",
@@ -459,7 +462,13 @@ _ORDINARY = {"young_modulus": 1e10, "density": 1e3, "diameter": 1e-2}
 #: what an option of a medium may be that turns out to be wrong when it is carried out
 _ALLOWED = {"start": "a load that the balls bear without friction, or gas"}
 #: the blocks of a scene file about waves, with their classes
-_WAVES = {"surface": SurfaceSettings, "spectrum": SpectrumSettings, "pulse": PulseSettings, **NETWORK_BLOCKS}
+_WAVES = {
+    "bands": BandsSettings,
+    "surface": SurfaceSettings,
+    "spectrum": SpectrumSettings,
+    "pulse": PulseSettings,
+    **NETWORK_BLOCKS,
+}
 
 
 @dataclass(frozen=True)

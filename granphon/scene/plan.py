@@ -43,6 +43,7 @@ from granphon.waves.settings import (
     NETWORK_BLOCKS,
     READINGS,
     WAVES,
+    BandsSettings,
     MotionSettings,
     PulseSettings,
     ResponseSettings,
@@ -169,6 +170,7 @@ class Plan:
     pulse: PulseSettings | None = None
     response: ResponseSettings | None = None
     motion: MotionSettings | None = None
+    bands: BandsSettings | None = None
     source: Path | None = field(default=None, compare=False)
     #: document and file that the scene was read from; a copy made by ``replace`` has none, as its values may differ
     origin: SceneSource = field(default=SceneSource(), init=False, repr=False, compare=False)
@@ -337,6 +339,7 @@ class Plan:
         asked = Asked(
             self.finite_overlap, path=path, direction=self.direction, waves=self.waves, exponents=sound,
             surface=self.surface if "surface" in self.observe else None,
+            bands=self.bands if "bands" in self.observe else None,
             sound=sound or not {"bands", "dos", "surface", *NETWORK_BLOCKS} & set(self.observe), alone=self.is_single,
         )  # fmt: skip
         return Grid(self.packing, self.axes, self.media, self.load.applied.flat, asked)
@@ -634,6 +637,8 @@ class Plan:
                f"Add a block '{name}'.") for name in NETWORK_BLOCKS),
             *((name, len({one.simulates for one in self.media}) > 1, "of lattices and of arrays",
                f"{name} of one or the other", "Make a scene of each.") for name in NETWORK_BLOCKS),
+            ("bands", self.bands is not None and any(one.simulates for one in self.media), "with losses of a simulation",
+             "damped bands of a lattice or crystal", "Observe the response of the array, or leave the block 'bands' out."),
             ("bands", branches, f"with a sweep over {' and '.join(branches)}",
              "velocities, as the branches differ in number or zone", "Make a scene of each."),
         ):  # fmt: skip

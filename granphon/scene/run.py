@@ -25,6 +25,7 @@ sweep_dos.*            of a sweep of simulations: densities of states of the arr
 sweep_spectra.*        of such a sweep: frequency, width, mean free path of plane waves in the arrays, .csv and .png
 sample_dos.*           of a simulation: density of states of the first sample; .json, .csv and .png of it
 spectrum.*, pulse.*    spectral functions of the first sample along the path; a pulse through all samples
+damped_bands.csv       frequencies, decay and Q of bands whose contacts lose energy, if the block bands asks for them
 response.*             response in frequency of the network of each state: .csv and .png
 motion.csv, .png       energies of balls in motion over time, and the greatest force, of each state
 motion.nc              of a single state: the balls at all times; motion_contacts.csv, when the wave comes to each contact
@@ -103,7 +104,7 @@ _COLUMNS = {
 #: names of all files that a run may write
 RESULT_FILES = (
     "scene.yaml", "summary.yaml", "sweep.nc", "sweep.csv", "sweep_dos.csv", "sweep_spectra.csv", "band.yaml",
-    "phonopy_params.yaml", "dos.csv", "sample.extxyz", "sample_balls.csv", "sample_contacts.csv",
+    "damped_bands.csv", "phonopy_params.yaml", "dos.csv", "sample.extxyz", "sample_balls.csv", "sample_contacts.csv",
     *(f"{stem}.{ending}" for stem in KEPT for ending in ("json", "csv")),
     *(f"{name}.{ending}" for name in NETWORK_BLOCKS for ending in ("csv", "png")), *MOTION_FILES,
     "sweep.png", *SWEEP_FIGURES, "bands.png", "dos.png", "forces.png", *(f"{stem}.png" for stem in KEPT),
@@ -127,6 +128,7 @@ def list_files(scene: Plan) -> tuple[tuple[str, ...], tuple[str, ...]]:
     seen, drawn = scene.observe, list[str]()
     names = ["scene.yaml", "summary.yaml", *[DIAMETERS_FILE] * (scene.diameters is not None), "sweep.nc", "sweep.csv"]
     names += [f"{name}.csv" for name in NETWORK_BLOCKS if name in seen]
+    names += ["damped_bands.csv"] * ("bands" in seen and scene.bands is not None)
     drawn += [f"{name}.png" for name in NETWORK_BLOCKS if name in seen]
     if not scene.is_single:
         names += ["sweep_dos.csv"] * ("dos" in seen) + ["sweep_spectra.csv"] * ("spectrum" in seen)
@@ -494,7 +496,7 @@ def write_numbers(result: Any, place: Path, advance: Callable[[int], None]) -> N
                 path.write_bytes(motion_bytes(result.waves.motion))
             case "motion_contacts.csv":
                 write_contacts(result.waves.motion, path, result.scene.motion)
-            case _ if stem in ("sweep_dos", "sweep_spectra", *NETWORK_BLOCKS):
+            case _ if stem in ("sweep_dos", "sweep_spectra", "damped_bands", *NETWORK_BLOCKS):
                 write_waves(result.dataset, path)
             case "band.yaml":
                 result.bands.write(path)

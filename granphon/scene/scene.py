@@ -46,6 +46,7 @@ class Scene(Plan):
         lattice; by default (1024,), (64, 64) or (32, 32, 32).
     surface : the edge whose waves are found, if the scene observes them.
     spectrum, pulse : what spectral functions to find, and what pulse to send, if the scene observes them.
+    bands : how contacts damp the bands, if the scene observes them; None for bands without loss alone.
     response, motion : which response of the network of each state to find, and how its balls move, if the scene observes it.
     dim : supercell of the exported force constants, a number for each period; None for the smallest that suffices.
     source : path of the file that the scene was read from; None for a scene made in Python.

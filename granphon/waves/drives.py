@@ -39,7 +39,9 @@ class Signal:
             raise Refused(what, "two or more times, each with a value")
         if self.times[0] < 0.0 or np.any(np.diff(self.times) <= 0.0):
             place = 0 if self.times[0] < 0.0 else int(np.argmax(np.diff(self.times) <= 0.0)) + 1
-            raise Refused(f"the time {self.times[place]:g} s in row {place + 1}", "times from 0 s on, each after the one before")
+            raise Refused(
+                f"the time {self.times[place]:g} s in row {place + 1}", "times from 0 s on, each after the one before"
+            )
 
     def __call__(self, time: float) -> float:
         return float(np.interp(time, self.times, self.values))
@@ -197,7 +199,11 @@ def write_drives(drives: Sequence[DriveSettings]) -> Any:
         if one.impact is not None:
             row["impact"] = VELOCITY.write(one.impact)
         if (s := one.shaker) is not None:
-            row["shaker"] = {"amplitude": LENGTH.write(s.amplitude), "frequency": FREQUENCY.write(s.frequency), "ramp": s.ramp}
+            row["shaker"] = {
+                "amplitude": LENGTH.write(s.amplitude),
+                "frequency": FREQUENCY.write(s.frequency),
+                "ramp": s.ramp,
+            }
         for name, kind in (("force", PUSH), ("displacement", WAY)):
             if (signal := getattr(one, name)) is not None:
                 times, values = map(SINCE.write, signal.times), map(kind.write, signal.values)

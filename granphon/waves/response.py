@@ -139,7 +139,7 @@ class Response(Result):
 
     @property
     def peaks(self) -> tuple[Peaks, ...]:
-        """For each receiver its peaks: frequencies in Hz, heights, and Q factors from the widths at half the square."""
+        """For each receiver its peaks, each that of a mode over a constant background: frequencies, heights, Q factors."""
         return tuple(find_peaks(self.frequencies, one) for one in self.values.T)
 
     @property
@@ -194,9 +194,9 @@ def find_peaks(frequencies: Array, values: Complex) -> Peaks:
     magnitude = np.abs(values)
     at = 1 + np.flatnonzero((magnitude[1:-1] > magnitude[:-2]) & (magnitude[1:-1] >= magnitude[2:]))
     x, h = (np.array([one[at + step] for step in (-1, 0, 1)]) for one in (frequencies**2, values))
-    ratio = (h[1] - h[0]) / (h[2] - h[1]) * (x[2] - x[1]) / (x[1] - x[0])
-    pole = (x[2] - ratio * x[0]) / (1.0 - ratio)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):  # two equal values have no pole
+        ratio = (h[1] - h[0]) / (h[2] - h[1]) * (x[2] - x[1]) / (x[1] - x[0])
+        pole = (x[2] - ratio * x[0]) / (1.0 - ratio)
         strength = (h[2] - h[0]) * (pole - x[0]) * (pole - x[2]) / (x[2] - x[0])
         top = np.abs(h[1] - strength / (pole - x[1]) + strength / (1j * pole.imag))
         known = (pole.imag >= 0.25 * (x[2] - x[0])) & (

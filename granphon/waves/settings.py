@@ -124,6 +124,22 @@ class SurfaceSettings(_Block):
     points: int = 31
 
 
+@dataclass(frozen=True)
+class BandsSettings(_Block):
+    """How contacts damp the branches of bands; see :meth:`granphon.Phonons.damped`.
+
+    Attributes
+    ----------
+    damping : s, of all motions of a contact, or of normal and of other motion.
+    loss_factor : likewise.
+    """
+
+    block = "bands"
+
+    damping: float | tuple[float, float] = 0.0
+    loss_factor: float | tuple[float, float] = 0.0
+
+
 @dataclass(frozen=True, kw_only=True)
 class NetworkSettings(_Block):
     """What is asked of the network of each state, or of each sample of a simulation.
@@ -265,19 +281,21 @@ def wave_rules(block: str, read: bool = True) -> dict[str, Rule]:
             "polarisation": _read_polarisations, "resolution": quantity("resolution"),
             "points": partial(whole, low=2, high=10_000),
         }  # fmt: skip
+    losses: dict[str, Rule] = {
+        "damping": partial(_one_or_two, rule=quantity("damping")), "loss_factor": partial(_one_or_two, rule=zero_or_above),
+    }  # fmt: skip
+    if block == "bands":
+        return losses
     if block == "response":
-        loss = zero_or_above
-        return {
+        return losses | {
             "frequencies": lambda value: ascending(finite_number_list(value, "Hz", "zero or above")),
-            "source": _read_places, "receiver": _read_places, "damping": partial(_one_or_two, rule=quantity("damping")),
-            "loss_factor": partial(_one_or_two, rule=loss), "quantity": partial(choice, options=tuple(RESPONSES)),
+            "source": _read_places, "receiver": _read_places, "quantity": partial(choice, options=tuple(RESPONSES)),
             "direction": read_direction, "polarisation": partial(choice, options=_PUSHES), "distance": quantity("distance"),
         }  # fmt: skip
     if block == "motion":
         return {
             "duration": quantity("duration"), "drive": partial(read_drives, read=read), "friction_coefficient": zero_or_above,
-            "damping": partial(_one_or_two, rule=quantity("damping")), "frames": partial(whole, low=2, high=1_000_000),
-            "step": quantity("step"),
+            "damping": losses["damping"], "frames": partial(whole, low=2, high=1_000_000), "step": quantity("step"),
         }  # fmt: skip
     return {
         "frequency": quantity("frequency"), "distance": quantity("distance"), "cycles": partial(number, low=1.0, high=1e4),

@@ -17,6 +17,7 @@ from granphon.base.errors import FileExistsInRunError
 from granphon.base.progress import Silent, Terminal, on_stderr, silent
 from granphon.base.staging import LIST
 from granphon.cli.commands import main
+from granphon.scene.file import FIELDS
 from granphon.scene.run import expected_files
 from granphon.scene.scene import Scene
 from tests.conftest import one_error
@@ -55,7 +56,7 @@ def tree(folder: Path) -> set[str]:
 # -- every mistake in a scene is one clear error --------------------------------------------------------------------
 
 LENGTHS = "a length above zero with its unit, such as '8 mm' (m, cm, mm, um, nm, inch)"
-TOP = "schema, material, packing, balls, crystal, load, medium, sweep, observe, direction, spectrum, pulse, surface, phonopy"
+TOP = ", ".join(dict.fromkeys(field.key.partition(".")[0] for field in FIELDS))
 ONE = "exactly one of force, pressure, overlap, or side_force with balls_per_side"
 FORCES = "a force above zero with its unit"
 

@@ -88,7 +88,11 @@ def test_pulses_of_a_pressed_chain_through_scenes(speed, low, high, tmp_path):
         way = size * overlap * length / 8e-3 * (np.tanh(velocity * times / length - 4.0) + np.tanh(4.0))
         lists = {"time": [f"{t!r} s" for t in times.tolist()], "displacement": [f"{u!r} m" for u in way.tolist()]}
         text = one.to_yaml()
-        text = text[: text.index("  drive:")] + f"  drive: {{balls: 0, displacement: {lists}}}" + text[text.index("\n  damping") :]
+        text = (
+            text[: text.index("  drive:")]
+            + f"  drive: {{balls: 0, displacement: {lists}}}"
+            + text[text.index("\n  damping") :]
+        )
         one = gp.Scene.from_text(text.replace("'", ""))
     result = one.run(tmp_path, figures=False)
     table = np.genfromtxt(tmp_path / "motion_contacts.csv", delimiter=",", names=True)

@@ -188,3 +188,36 @@ def test_what_is_refused(change, said):
 def test_lattices_and_arrays_are_not_mixed():
     with pytest.raises(SceneError, match="of lattices and of arrays"):
         scene(ARRAY.replace("medium: {", "medium: [ema, {").replace("}}\nobserve", "}}]\nobserve"), FORCE="20 N")
+
+
+BANDS = (
+    CHAIN[: CHAIN.index("observe:")].replace("chain", "triangular")
+    + """
+observe: [bands]
+bands: {damping: [1 us, 2 us], loss_factor: LOSS}
+phonopy: {band_points: 4}
+"""
+)
+
+
+def test_bands_have_the_damped_modes_of_python(tmp_path):
+    one = scene(BANDS, FORCE="[2 N, 128 N]", LOSS="0.01")
+    data = one.run(tmp_path, figures=False).dataset
+    q = data["qpoints"].values
+    for row, force in enumerate((2.0, 128.0)):
+        modes = gp.Phonons(one.packing.crystal.at_force(force)).damped(q.reshape(-1, 3), (1e-6, 2e-6), 0.01)
+        for name, exact in (("frequency", modes.frequencies.real), ("decay", modes.decay), ("quality", modes.quality)):
+            assert_allclose(data[f"damped_{name}"].values[row, 0], exact.reshape(*q.shape[:2], -1), rtol=1e-13)
+    table = np.genfromtxt(tmp_path / "damped_bands.csv", delimiter=",", names=True)
+    assert_allclose(table["damped_decay_1s"], data["damped_decay"].values.ravel(), rtol=1e-15)
+    assert gp.Scene.from_text(one.to_yaml()) == one
+
+
+def test_a_loss_factor_of_all_contacts_is_the_inverse_of_q(tmp_path):
+    text = BANDS.replace("damping: [1 us, 2 us], ", "")
+    data = scene(text, FORCE="20 N", LOSS="0.02").run(tmp_path, figures=False).dataset
+    # omega^2 = omega_0^2 (1 + i eta): Q is 1/eta but for a part of second order, (eta/4)^2
+    moving = data["frequencies"].values > 1.0
+    assert_allclose(data["damped_quality"].values[moving], 50.0, rtol=1e-3)
+    with pytest.raises(SceneError, match="zero or above"):
+        scene(text, FORCE="20 N", LOSS="-0.02")
