@@ -372,7 +372,7 @@ _OBSERVABLES = (
         cost="network", told=True,
     ),
     Observable(
-        "peak_velocity", "m/s", "velocity of the greatest force of a motion from contact to contact", cost="network", told=True
+        "peak_velocity", "m/s", "velocity of the greatest force of a motion between contacts", cost="network", told=True
     ),
     Observable("greatest_force", "N", "greatest normal force of a contact in a motion", cost="network", told=True),
     *(
@@ -391,7 +391,7 @@ _OBSERVABLES = (
         Observable(f"motion_{name}", "J", f"{title} over time", cost="network", dims=("motion_time",))
         for name, title in _ENERGIES
     ),
-    Observable("motion_force", "N", "greatest normal force of all contacts over time", cost="network", dims=("motion_time",)),
+    Observable("motion_force", "N", "greatest normal force of a contact over time", cost="network", dims=("motion_time",)),
     Observable("choice", "", "medium that the automatic medium chose"),
     Observable("expected_error", "1", "expected relative error of velocities and frequencies"),
     Observable("truth", "", "simulated arrays that the expected error is relative to", swept=False),

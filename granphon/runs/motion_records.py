@@ -136,7 +136,7 @@ def _fit_velocity(distances: Array, times: Array) -> float:
 
 
 def record_motion(x: Any, settings: MotionSettings) -> tuple[dict[str, Array], dict[str, Callable[[], bytes]]]:
-    """Let the array of a state, of a sample or of a network move, and return what is kept of it; and the bytes of its file."""
+    """Let the array of a state, sample or network move; return what is kept of it, and what makes the bytes of its file."""
     motion = PreparedMotion(x, settings).run()
     passage = Passage.of(motion, find_source(settings, motion.network))
     supplied = motion.work + motion.energy[0]

@@ -39,14 +39,9 @@ def require_network(serving_media: Sequence[ServingMedium], wanted: NetworkSetti
     """
     wanted = replace(wanted, cut=()) if key == "repeat" else wanted
     for serving in serving_media:
-        packing, arrays = serving.packing, serving.arrays
-        if (arrays and arrays[0].balls > most) or (packing.kind_names and not serving.is_quick):
+        arrays = serving.arrays
+        if (arrays and arrays[0].balls > most) or (state := find_typical_state(serving)) is None:
             continue
-        if packing.kind_names:
-            state: Any = serving.at(serving.load[0])
-        else:
-            force = float(np.ravel(find_typical_force(packing, serving.load))[0])
-            state = AveragedLattice(packing).at(Load.only(force=force))[0]
         network = state.network.repeat(arrays[0].cells) if arrays else state.network
         if isinstance(wanted, MotionSettings) and key == "drive":
             PreparedMotion(network if arrays else state, wanted)
@@ -55,6 +50,14 @@ def require_network(serving_media: Sequence[ServingMedium], wanted: NetworkSetti
         if isinstance(wanted, ResponseSettings) and key in ("source", "receiver"):
             moved = wanted.quantity == "transmissibility" and key == "source"
             require_places(shaped, key, [find_place(one) for one in getattr(wanted, key)], moved, **_choose_plane(wanted))
+
+
+def find_typical_state(serving: ServingMedium) -> Any:
+    """Return a state like the first of a case: of equal balls at a typical force, or a crystal's; None if it takes long."""
+    if serving.packing.kind_names:
+        return serving.at(serving.load[0]) if serving.is_quick else None
+    force = float(np.ravel(find_typical_force(serving.packing, serving.load))[0])
+    return AveragedLattice(serving.packing).at(Load.only(force=force))[0]
 
 
 def _choose_plane(wanted: ResponseSettings) -> dict[str, Any]:

@@ -424,9 +424,9 @@ class MediumTask:
         return found | {"warnings": _write_notes(notes)}
 
     def record_networks(self, state: ContactState, whole: bool = False) -> list[SampleRecord]:
-        """Return what is asked of the network at each load, without samples; errors name the load. See :class:`SampleRecord`.
+        """Return what is asked of the network at each load, without samples; nothing if nothing is. Errors name the load.
 
-        There is none if nothing is asked.
+        With ``whole`` the results themselves are kept too.
         """
         records, periods = list[SampleRecord](), self.serving.packing.structure.periods
         if self.asked.waves is None:

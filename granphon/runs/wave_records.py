@@ -193,7 +193,7 @@ class SampleWaves:
 
 
 def read_waves(path: Path) -> Any:
-    """Read the result in a file ``sample_dos.json``, ``spectrum.json``, ``pulse.json``, ``surface.json`` or ``motion.nc``."""
+    """Read the result in a file ``sample_dos.json``, ``spectrum.json``, ``pulse.json``, ``surface.json``, ``motion.nc``."""
     if path.suffix == ".nc":
         return read_motion(str(path), read_bytes(path, MOST_BYTES))
     kinds: dict[str, type[Result]] = {

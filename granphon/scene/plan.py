@@ -579,6 +579,11 @@ class Plan:
             total = add_up(each, lambda cost: cost.known)
         smaller = "Take fewer balls (medium.simulation.shape), fewer wave vectors or a coarser resolution (spectrum)"
         waves = (("medium",), smaller, replace(total, parts=total.parts[:1]))
+        if self.motion is not None and "motion" in self.observe:
+            moved = [_estimate_motion(one, self.motion) for case in self.few for one in case.serving_media]
+            total = add_up([cost for cost in moved if cost is not None], lambda cost: cost.known)
+            mend = "Take fewer balls (motion.repeat, motion.cut), a shorter motion.duration or fewer motion.frames"
+            out.append((("motion",), mend, replace(total, parts=total.parts[:1])))
 
         branches = structure.n_balls * self.packing.ball_motions.count
         points = self.band_points * sum(len(path) - 1 for path in self.path.paths) if "bands" in seen else 0
@@ -682,3 +687,21 @@ def _estimate_waves(medium: DirectSimulation, load: Load, wanted: WaveSettings) 
             heard = steps * medium.balls / min(medium.cells)
             readings = READINGS * pulse.frequency * lasting * heard * medium.samples
         yield costs.array_waves(products, medium.balls, contacts, rows, heard, readings)
+
+
+def _estimate_motion(serving: ServingMedium, wanted: MotionSettings) -> Cost | None:
+    """Estimate memory and time of the motions of a medium at all its loads; None if no state of it is quickly found."""
+    from granphon.runs.network_records import find_typical_state  # imported here: other scenes do not need it
+    from granphon.waves.operator import WaveOperator
+
+    if (state := find_typical_state(serving)) is None:
+        return None
+    network, arrays = state.network, serving.arrays
+    cells = math.prod(wanted.repeat) * math.prod(layers for _, layers, _ in wanted.cut)
+    cells *= math.prod(arrays[0].cells) if arrays else 1
+    speed = max((one.impact or 0.0 for one in wanted.drive), default=0.0)
+    return costs.motion(
+        wanted.duration, WaveOperator(network).top, float(np.max(network.masses[network.moving]) * speed**2 /
+        max(float(np.mean(network.normal_force**2 / network.normal_stiffness)), 1e-300)),
+        cells * network.n_balls, cells * network.n_contacts, wanted.frames,
+    ).times(serving.load.size * (arrays[0].samples if arrays else 1))  # fmt: skip

@@ -113,8 +113,8 @@ RESULT_FILES = (
 #: variables of which the summary of several states lists the least and the greatest value
 _EXTENTS = (
     "force", "overlap", "longitudinal", "transverse", "transverse_slow", "transverse_fast", "pulse_velocity",
-    "time_of_flight", "coherent_fraction", "surface_velocity", "peak_frequency", "peak_quality", "front_velocity", "peak_velocity",
-    "greatest_force", "energy_lost",
+    "time_of_flight", "coherent_fraction", "surface_velocity", "peak_frequency", "peak_quality",
+    "front_velocity", "peak_velocity", "greatest_force", "energy_lost",
     *(f"ioffe_regel_{name}" for name in POLARISATIONS),
 )  # fmt: skip
 #: what the summary of one state says of the waves in its samples, or at its edge, where it is known

@@ -44,6 +44,7 @@ class Signal:
             )
 
     def __call__(self, time: float) -> float:
+        """Return the value at a time, s."""
         return float(np.interp(time, self.times, self.values))
 
 
@@ -63,6 +64,7 @@ class Shaker:
     ramp: float = 5.0
 
     def __call__(self, time: float) -> float:
+        """Return the displacement at a time, s; m."""
         turns = self.frequency * time
         rise = 0.5 - 0.5 * np.cos(np.pi * turns / self.ramp) if turns < self.ramp else 1.0
         return float(self.amplitude * rise * np.sin(2.0 * np.pi * turns))

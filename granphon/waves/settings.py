@@ -294,8 +294,9 @@ def wave_rules(block: str, read: bool = True) -> dict[str, Rule]:
         }  # fmt: skip
     if block == "motion":
         return {
-            "duration": quantity("duration"), "drive": partial(read_drives, read=read), "friction_coefficient": zero_or_above,
-            "damping": losses["damping"], "frames": partial(whole, low=2, high=1_000_000), "step": quantity("step"),
+            "duration": quantity("duration"), "drive": partial(read_drives, read=read),
+            "friction_coefficient": zero_or_above, "damping": losses["damping"],
+            "frames": partial(whole, low=2, high=1_000_000), "step": quantity("step"),
         }  # fmt: skip
     return {
         "frequency": quantity("frequency"), "distance": quantity("distance"), "cycles": partial(number, low=1.0, high=1e4),

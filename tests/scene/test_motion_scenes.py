@@ -138,7 +138,9 @@ def test_a_shaker_pushes_and_tables_give_the_work(tmp_path):
     """A force over time, from a table or as lists, and a displacement of the floor; the work is what the balls have."""
     times = np.linspace(0.0, 2e-5, 51)
     push = 3.0 * np.sin(np.pi * times / 2e-5) ** 2
-    (tmp_path / "push.csv").write_text("time (us), force (N)\n" + "".join(f"{1e6 * t}, {f}\n" for t, f in zip(times, push)))
+    (tmp_path / "push.csv").write_text(
+        "time (us), force (N)\n" + "".join(f"{1e6 * t}, {f}\n" for t, f in zip(times, push, strict=True))
+    )
     (tmp_path / "scene.yaml").write_text(PLANE.replace("DRIVE", "{balls: [1, 3], force: push.csv, direction: 0 1}"))
     one = gp.Scene.from_yaml(tmp_path / "scene.yaml")
     result = one.run(tmp_path / "out", figures=False)
@@ -203,8 +205,7 @@ def test_samples_of_a_simulation_move_and_are_averaged(tmp_path):
 )
 def test_drives_that_are_refused(drive, said, tmp_path):
     with pytest.raises(SceneError, match=said) as caught:
-        one = scene(PLANE, DRIVE=drive)
-        one.run(tmp_path, figures=False)
+        scene(PLANE, DRIVE=drive).run(tmp_path, figures=False)
     assert "motion" in str(caught.value)
     assert not list(tmp_path.glob("*.nc"))
 
