@@ -114,7 +114,7 @@ class Passage(NamedTuple):
         network, times = motion.network, motion.times
         cells = np.array(list(product(*([-1, 0, 1] if one else [0] for one in network.pbc))))
         images = (network.positions[source] + (cells @ network.cell)[:, None]).reshape(-1, 3)
-        distances = cKDTree(images).query(motion.middles)[0]
+        distances = np.asarray(cKDTree(images).query(motion.middles)[0])
         change = np.abs(motion.forces - motion.forces[0]).max(axis=0)
         moved = change > _STILL * max(float(change.max(initial=0.0)), 1e-300)
         peaks, heights = motion.peaks()

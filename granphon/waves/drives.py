@@ -172,7 +172,7 @@ def _read_shaker(value: Any, read: bool) -> Shaker:
     if isinstance(value, Shaker):
         value = vars(value)
     amplitude, frequency = _quantity(LENGTH, read), _quantity(FREQUENCY, read)
-    rules = {"amplitude": amplitude, "frequency": frequency, "ramp": partial(number, low=0.0, high=1e6)}
+    rules: dict[str, Rule] = {"amplitude": amplitude, "frequency": frequency, "ramp": partial(number, low=0.0, high=1e6)}
     return Shaker(**block(value, rules, ("amplitude", "frequency")))
 
 
@@ -187,7 +187,7 @@ def _read_signal(value: Any, name: str, kind: Quantity, read: bool, folder: Path
         except InputError as error:
             raise Refused(show(value), f"a table with the columns time and {name}", str(error)) from None
     given = {"time": value.times, name: value.values} if isinstance(value, Signal) else value
-    rules = {one: partial(each, rule=_quantity(of, read), what="values") for one, of in (("time", SINCE), (name, kind))}
+    rules: dict[str, Rule] = {one: partial(each, rule=_quantity(of, read), what="values") for one, of in (("time", SINCE), (name, kind))}
     found = block(given, rules, ("time", name))
     return Signal(found["time"], found[name])
 
