@@ -19,7 +19,7 @@ from granphon.figures.waves import choose_states
 from granphon.waves.motion import Motion
 
 if TYPE_CHECKING:
-    from xarray import Dataset
+    from granphon.runs.dataset import Dataset
 
 Array = NDArray[np.float64]
 Show = Literal["velocities", "forces"]
