@@ -42,6 +42,9 @@ from .figures.plot import plot as plot
 from .fits.fit import WidthFit as WidthFit
 from .fits.fit import fit_width as fit_width
 from .fits.measurements import Measurements as Measurements
+from .fits.transfer import DampingFit as DampingFit
+from .fits.transfer import TransferFunction as TransferFunction
+from .fits.transfer import fit_damping as fit_damping
 from .laws.spread import SpreadLaw as SpreadLaw
 from .media.arrangement import Arrangement as Arrangement
 from .media.choice import AutoMedium as AutoMedium
@@ -102,8 +105,10 @@ from .waves.nonlinear import Drive as Drive
 from .waves.nonlinear import NonlinearWaves as NonlinearWaves
 from .waves.path_spectra import PathSpectra as PathSpectra
 from .waves.pulses import Pulse as Pulse
+from .waves.response import Peaks as Peaks
 from .waves.response import Response as Response
 from .waves.settings import PulseSettings as PulseSettings
+from .waves.settings import ResponseSettings as ResponseSettings
 from .waves.settings import SpectrumSettings as SpectrumSettings
 from .waves.settings import SurfaceSettings as SurfaceSettings
 from .waves.spectral_functions import SpectralFunction as SpectralFunction

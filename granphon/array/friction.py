@@ -362,7 +362,7 @@ def _lose_rising(old: Array, new: Array, bent: Array, slip: Array, eta: float, m
 
 def _lose_falling(old: Array, new: Array, bent: Array, slip: Array, eta: float, mu: float) -> tuple[Array, Array]:
     """Return (n,) energies lost by sliding and by the law while h falls; see :func:`_lose_rising`."""
-    first, to_slip = bent / (1.5 * eta), 1.5 * eta
+    first, to_slip = bent / (hertz.EXPONENT * eta), hertz.EXPONENT * eta
     share, over, most = _meet(first, slip, mu / to_slip, old * old, new * new - old * old)
     mu = to_slip * most
     turn = np.clip(np.sqrt(np.maximum(old * old + share * (new * new - old * old), 0.0)), new, old)

@@ -116,7 +116,7 @@ class PressedHexagon(Result):
 
     @property
     def contact_radius(self) -> float:
-        """Ratio of the radius of the largest contact, of two balls or with a wall, to that of a ball."""
+        """Ratio of the radius of the largest contact, of two balls or of a ball and a wall, to the radius of a ball."""
         d, law = self.packing.diameter, self.packing.law
         at_wall = HertzLaw(self.wall_coefficient).overlap(self.wall_forces)
         overlaps = np.append(law.overlap(self.forces), 2.0 * at_wall)  # a wall has the curvature of half a ball

@@ -209,7 +209,7 @@ class PressedSample(Sample):
         return self.equilibrium.law.sliding_fraction(self.equilibrium.contacts)
 
     def tangential_ratio_distribution(self, bins: int = 50, largest: float | None = None) -> tuple[Array, Array]:
-        """Return (bins + 1,) edges, and the (bins,) probability density of ``|T|/f``, that of the contacts that carry load.
+        """Return (bins + 1,) edges, and the (bins,) probability density of ``|T|/f`` over the contacts that carry load.
 
         The bins reach from 0 to ``largest``, by default mu, or 1 if mu is zero or above 1. Contacts that slide have the
         ratio mu. Over all ratios the density integrates to one. Raises :class:`~granphon.base.errors.InputError` if ``bins``
@@ -223,7 +223,7 @@ class PressedSample(Sample):
     def mobilisation_distribution(self, bins: int = 50) -> tuple[Array, Array]:
         """Return (bins + 1,) edges from 0 to 1, and the (bins,) probability density of ``|T|/(mu f)``.
 
-        It is that of the contacts that carry load; those that slide are in the last bin. Raises
+        It is over the contacts that carry load; sliding contacts are in the last bin. Raises
         :class:`~granphon.base.errors.InputError` if mu is zero or infinite, or ``bins`` no whole number above zero.
         """
         here, mu = self.equilibrium.contacts, self.equilibrium.friction_coefficient
@@ -250,9 +250,9 @@ class PressedSample(Sample):
         """Normal stiffness df/d(delta) of the linear response, with its springs against slip, N/m.
 
         It is the derivative of f on a way up where no contact slides and none that bears T opens, just after a turn too.
-        Where the normal force of a contact falls, T falls in proportion to k, which is no linear response: as a way down
-        goes on, the derivative is larger by some thousandths; so it is by about a hundredth as a way up goes on on which
-        contacts slide.
+        It is not the slope of the path. Where the normal force of a contact falls, T falls in proportion to k, which is not
+        a linear response: on a way down the slope is larger by some thousandths. On a way up, if contacts slide, it is
+        larger by about a hundredth.
         """
         return self._average_stiffness(self.elastic_tensor, self.force, self.overlap)
 
@@ -281,8 +281,8 @@ class PressedSample(Sample):
     def elastic_tensors_beside(self) -> Array:
         """(2, n, n) elastic tensors at exp(:data:`STEP`) and exp(3 STEP) times the mean force, as loading goes on from here.
 
-        Going back would be unloading, which is another state. The three steps of loading are equally long: how many contacts
-        slide at the end of a step depends a little on its length, and so does the state itself.
+        Going back would be unloading, which is another state. The three steps of loading are equally long, because the
+        number of contacts that slide at the end of a step depends a little on its length.
         """
         here = self.equilibrium
         stencils, loads = here.sheared, [ReducedLoad(force=here.force * math.exp(times * STEP)) for times in (1.0, 2.0, 3.0)]
@@ -301,9 +301,10 @@ class PressedSample(Sample):
     def atoms(self) -> Atoms:
         """Return the sample as an ``ase.Atoms``; see :meth:`Sample.atoms`.
 
-        ``rotations`` are those of the balls since the start. There are two more arrays: ``tangential_force``, the mean size
-        of the tangential forces on a ball over the mean normal force of all contacts, and ``sliding_contacts``, the number
-        of its contacts that carry load and slide. The forces of single contacts are in :attr:`network`, and in its tables.
+        ``rotations`` are the rotations of the balls since the start, rad. There are two more arrays: ``tangential_force``,
+        the mean size of the tangential forces on a ball over the mean normal force of all contacts, and
+        ``sliding_contacts``, the number of its contacts that carry load and slide. The forces of single contacts are in
+        :attr:`network`, and in its tables.
         """
         balls, here = super().atoms(), self.equilibrium
         contacts, stencils = here.contacts, self.equilibrium.stencils

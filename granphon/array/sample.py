@@ -189,8 +189,8 @@ class Sample(Result):
     def network(self) -> ContactNetwork:
         """The balls, and the contacts that carry load, as a network; contacts have the directions of the lattice.
 
-        Masses, inertias and arms are those of the mean ball, as in the paper's limit. In the true geometry directions and
-        arms are the contacts' own, and static forces act on displacements (prestress).
+        All balls have the mass, inertia and arms of the mean ball, as in the paper's limit. In the true geometry directions
+        and arms are the contacts' own, and static forces act on displacements (prestress).
         """
         return self._make_network()
 
@@ -245,7 +245,7 @@ class Sample(Result):
 
     @property
     def is_exact(self) -> bool:
-        """Whether contacts have the directions, arms and overlaps of the balls' positions, and not those of the lattice."""
+        """Whether directions, arms and overlaps of contacts follow from the positions of the balls, not from the lattice."""
         return bool(self.equilibrium.ratio)
 
     @property
@@ -269,9 +269,10 @@ class Sample(Result):
     def atoms(self) -> Atoms:
         """Return the sample as an ``ase.Atoms``, in the reduced units of the calculator.
 
-        Balls are at their displaced positions, where contacts have no slip. Arrays are those of a file ``sample.extxyz``,
-        and ``contact_force`` (the mean force of a ball's contacts over the mean of all) and ``contacts`` (the number of
-        its contacts that carry load). To ``granphon.HertzMindlin`` of this sample's state the balls are at rest.
+        Balls are at their displaced positions, where contacts have no slip. The Atoms have the arrays of a file
+        ``sample.extxyz``, and two more for each ball: ``contact_force``, the mean force of its contacts over the mean of
+        all, and ``contacts``, the number of its contacts that carry load. To ``granphon.HertzMindlin`` of this sample's
+        state the balls are at rest.
         """
         from ase import Atoms
 

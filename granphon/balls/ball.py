@@ -66,8 +66,8 @@ class Ball:
     ----------
     material : the material, which says how contacts yield; and what the ball weighs, if no mass is given.
     diameter : m.
-    mass : kg; by default that of a solid ball of the material. It is a number afterwards.
-    inertia : moment of inertia about a diameter, kg m^2; by default (2/5) m R^2, that of a solid ball of this mass.
+    mass : kg; by default the mass of a solid ball of the material. It is a number afterwards.
+    inertia : moment of inertia about a diameter, kg m^2; by default (2/5) m R^2, as of a solid ball of this mass.
     name : what messages call the kind, and contact laws of a pair of kinds are named by. A crystal calls kinds without a
         name A, B, C, ... in the order in which they come.
     spread : how the diameters of balls of the kind differ, as for :class:`~granphon.Packing`, about the mean ``diameter``;
@@ -75,9 +75,9 @@ class Ball:
 
     Raises
     ------
-    InputError : a diameter, mass or inertia that is not a finite number above zero; an inertia above 2/3 m R^2, that of a
-        shell, which no ball has; something else than a :class:`~granphon.Material`; a name that cannot be read; a spread
-        with another mean than the diameter or with a ball of size zero or below.
+    InputError : a diameter, mass or inertia that is not a finite number above zero; an inertia above 2/3 m R^2, the value of
+        a thin shell; something else than a :class:`~granphon.Material`; a name that cannot be read; a spread with another
+        mean than the diameter or with a ball of size zero or below.
     """
 
     material: Material

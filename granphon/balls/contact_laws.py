@@ -1,4 +1,4 @@
-"""Laws of the normal force of a contact: Hertz's, powers, adhesive ones, tables, and those of users.
+"""Laws of the normal force of a contact: Hertz's law, powers, adhesive laws, tables, and laws of users.
 
 A law is an object whose method ``between(ball, ball)`` returns the law of these two bodies, a :class:`PairLaw`: force,
 stiffness, the slope of the stiffness and energy as functions of the overlap, and the overlap as a function of the force. A
@@ -81,7 +81,7 @@ def _require_pushing(load: Array, least: float = 0.0) -> None:
 class Hertz:
     """Hertz's law f = (4/3) E* R^(1/2) delta^(3/2) of two elastic balls, also of unlike ones.
 
-    1/E* is the sum of (1 - sigma^2)/E of both, 1/R that of one over the radii.
+    1/E* is the sum of (1 - sigma^2)/E of both balls, 1/R the sum of 1/R_i.
     """
 
     def between(self, ball: Body, other: Body) -> HertzLaw:
@@ -325,8 +325,8 @@ class JKRLaw:
 class TabulatedLaw:
     """A law that is given by a table of overlaps and forces, for all pairs.
 
-    The logarithm of the force is a monotone cubic of that of the overlap (scipy's ``PchipInterpolator``), so that a table of
-    a power law gives that law at all overlaps. Below the first point and above the last it goes on as a power.
+    The logarithm of the force is a monotone cubic function of the logarithm of the overlap (scipy's ``PchipInterpolator``).
+    So a table of a power law gives this law at all overlaps. Below the first point and above the last it goes on as a power.
 
     Parameters
     ----------

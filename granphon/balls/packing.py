@@ -44,7 +44,7 @@ class Packing:
     friction : whether contacts resist shear; without friction, torsion and bending the balls do not rotate.
     motions : the motions of each ball: "longitudinal" (u_x, on a line), "in_plane" (u_x, u_y, phi_z), "out_of_plane"
         (u_z, phi_x, phi_y) or "all" six. By default "longitudinal" on a line, "in_plane" in a plane, "all" in space.
-    torsion : stiffness of a contact against twist about its normal, over k d^2; or "mindlin" for that of a Hertz contact
+    torsion : stiffness of a contact against twist about its normal, over k d^2; or "mindlin": the torsion of a Hertz contact
         that does not slip, which depends on the load: (1 - nu)/3 times overlap over diameter for equal balls. It needs
         motions with a rotation about the normal: "out_of_plane" or "all".
     bending : stiffness of a contact against rolling, over k d^2.
@@ -90,13 +90,13 @@ class Packing:
 
     @property
     def named_motions(self) -> Motions:
-        """The motions that are named, or those that the lattice has by default."""
+        """The motions given by name, or by default the motions of the lattice."""
         allowed = allowed_motions(self.structure.dimension)
         return next(iter(allowed.values())) if self.motions is None else allowed[self.motions]
 
     @cached_property
     def ball_motions(self) -> Motions:
-        """The motions of each ball: those that are named, without rotations if no contact resists them."""
+        """The motions of each ball: :attr:`named_motions`, without rotations if no contact resists them."""
         return select_motions(self.mindlin_ratio, 1.0 if self.torsion else 0.0, self.bending, self.named_motions)
 
     @property

@@ -148,12 +148,12 @@ class Units:
 
     @property
     def energy(self) -> float:
-        """Scale of energy k d^2, J; also that of torque, N m."""
+        """Scale of energy k d^2, J, and of torque, N m."""
         return self.stiffness * self.length**2
 
     @property
     def modulus(self) -> float:
-        """Scale of modulus k / d, Pa: that of stress in a layer one diameter thick."""
+        """Scale of modulus k / d, Pa: the scale of stress in a layer one diameter thick."""
         return self.stiffness / self.length
 
     def to_info(self) -> dict[str, float]:

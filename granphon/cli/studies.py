@@ -13,22 +13,25 @@ from granphon.base.errors import InputError, Refused
 from granphon.base.text import show
 from granphon.cli.app import COMPARISONS, Force, SceneFile, Scheduler, Workers, command
 from granphon.cli.terminal import GO_ON, NOTHING_WRITTEN, require_name, say, say_table, tell_interruption, warn
-from granphon.cli.wording import describe_fit, write_direction
+from granphon.cli.wording import describe_fit, describe_response_fit, write_direction
 
 if TYPE_CHECKING:
     from granphon.balls.packing import Packing
     from granphon.base.staging import ResultFiles
+    from granphon.fits.transfer import DampingFit
     from granphon.scene.scene import Scene
 
 
 @command("fit", rich_help_panel=COMPARISONS)
 def fit_measurements(
     scene: SceneFile,
-    data: Annotated[str, typer.Argument(metavar="DATA.csv", help="The table of measured velocities.")],
+    data: Annotated[str, typer.Argument(metavar="DATA.csv", help="Measured velocities, or a transfer function.")],
     out: Annotated[str | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results.")] = None,
     parameter: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="Fit this as well: young_modulus, diameter. May be repeated."),
+        typer.Option(
+            metavar="NAME", help="Fit this as well: young_modulus, diameter; or, of a response: damping. May be repeated."
+        ),
     ] = None,
     frequency: Annotated[str | None, typer.Option(metavar="HZ", help="Frequency of the pulses, such as '6.5 kHz'.")] = None,
     distance: Annotated[
@@ -54,7 +57,7 @@ def fit_measurements(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Fit the spread of diameters to measured sound velocities.
+    """Fit the spread of diameters to measured sound velocities, or the damping of contacts to a transfer function.
 
     The scene gives the balls and the medium; the fit replaces the width of its spread. Equal balls in the medium ala are
     fitted with ema, and the loads of the scene are not used; a warning says so if it has several.
@@ -71,12 +74,14 @@ def fit_measurements(
       granphon fit scene.yaml data.csv -o fit --frequency "6.5 kHz" --parameter young_modulus
       granphon fit scene.yaml data.csv --column "force=F (kN)" --column time=t --distance "430 mm"
       granphon fit fcc.yaml data.csv --no-width --parameter young_modulus --direction "1 1 0"
+      granphon fit chain.yaml transfer.csv --parameter damping --parameter stiffness
     """
     from functools import partial
 
     from granphon.balls.loads import force_of_frame
     from granphon.base.quantities import FREQUENCY, LENGTH
     from granphon.base.staging import ResultFiles
+    from granphon.base.tables import Table
     from granphon.base.validation import require
     from granphon.fits.fit import FIT_FILES, convert_cutoff, convert_pressure, fit_width
     from granphon.fits.measurements import Measurements, read_sigma
@@ -87,6 +92,19 @@ def fit_measurements(
     files = None if out is None else ResultFiles(out, FIT_FILES, force, inputs=(*read.origin.inputs, data))
     if files is not None:
         files.require_free()
+    given, columns = (
+        tuple(parameter or ()),
+        {kind.strip(): name for kind, _, name in (one.partition("=") for one in column or ())},
+    )
+    if twice := [name for name in dict.fromkeys(given) if given.count(name) > 1]:
+        raise InputError(f"--parameter {twice[0]} is given {given.count(twice[0])} times", mend="Give it once")
+    if columns.get("magnitude", "magnitude") in Table.read(data):
+        options = {"--frequency": frequency, "--distance": distance, "--sigma": sigma, "--direction": direction}
+        for name in (name for name, value in options.items() if value is not None):
+            raise InputError(f"{name} is for velocities, and {data} has a transfer function", mend="Leave it out")
+        damped = _fit_response(scene, read, data, columns, given)
+        _finish_fit(out, files, damped, damped.warnings, describe_response_fit(damped))
+        return
     packing = _require_one_packing("A fit", scene, read)
     # the direction of the option, else that of the scene
     along: Sequence[float] | None = read.directions[0] if len(read.directions) == 1 else None
@@ -97,9 +115,6 @@ def fit_measurements(
         raise InputError(f"{scene} has {len(read.directions)} directions", why, "Name one by --direction")
     if len(read.media) > 1:
         raise InputError(f"{scene} has several media", mend="Keep only the one to fit with")
-    given = tuple(parameter or ())
-    if twice := [name for name in dict.fromkeys(given) if given.count(name) > 1]:
-        raise InputError(f"--parameter {twice[0]} is given {given.count(twice[0])} times", mend="Give it once")
     if "width" in given and not width:
         raise InputError("--no-width keeps the width, and --parameter width fits it", mend="Leave one out")
     if not (width or parameter):
@@ -110,7 +125,7 @@ def fit_measurements(
     balls = read.load.balls_per_side
     measured = Measurements.read(
         data,
-        {kind.strip(): name for kind, _, name in (one.partition("=") for one in column or ())},
+        columns,
         None if distance is None else require("--distance", LENGTH.read, distance),
         None if balls is None else partial(force_of_frame, balls_per_side=balls),
         partial(convert_pressure, packing, read.finite_overlap, medium, given),
@@ -125,11 +140,6 @@ def fit_measurements(
         direction=along, finite_overlap=read.finite_overlap,
     )  # fmt: skip
 
-    def figure(_: str) -> Any:
-        from granphon.figures.curves import fit_figure  # here, so that a failed import counts as a failed figure
-
-        return fit_figure(found)
-
     notes = [f"{scene} has the medium ala, which knows no width: the fit takes ema. Name afa or ema in it"] * replaced
     if (count := len(read.load.values)) > 1:
         notes.append(f"the {count} loads of {scene} are not used: a fit takes the loads of {data}")
@@ -138,13 +148,47 @@ def fit_measurements(
             f"sound in the lattice {found.packing.structure.name} depends on the direction, and none is given: the fit"
             f" takes {write_direction(found.waves.direction)}. Give --direction, or direction in {scene}"
         )
+    _finish_fit(out, files, found, (*notes, *found.warnings), describe_fit(found))
+
+
+def _fit_response(scene: str, read: Scene, data: str, columns: Mapping[str, str], names: tuple[str, ...]) -> DampingFit:
+    """Fit the damping of the network of a scene with one state, and a block response, to a transfer function."""
+    from granphon.fits.transfer import TransferFunction, fit_damping
+    from granphon.waves.settings import find_place
+
+    wanted = read.response
+    if wanted is None:
+        what = f"{scene} has no block response, and {data} has a transfer function"
+        raise InputError(what, "It says where the network is driven and heard", "Write it, with observe: [response]")
+    if read.n_states > 1:
+        raise InputError(f"{scene} has {read.n_states} states", "A transfer function is of one", "Keep one load and medium")
+    measured = TransferFunction.read(data, columns, wanted.quantity)
+    return fit_damping(
+        wanted.shape(read.cases[0].state.network), measured, [find_place(one) for one in wanted.source],
+        [find_place(one) for one in wanted.receiver], parameters=names or ("damping",), damping=wanted.damping,
+        loss_factor=wanted.loss_factor, quantity=wanted.quantity, direction=wanted.direction,
+        polarisation=wanted.polarisation, distance=wanted.distance,
+    )  # fmt: skip
+
+
+def _finish_fit(
+    out: str | None, files: ResultFiles | None, found: Any, notes: Sequence[str], table: list[tuple[str, str]]
+) -> None:
+    """Write and tell a fit."""
+    from granphon.fits.fit import FIT_FILES
+
+    def figure(_: str) -> Any:
+        from granphon.figures.plot import plot  # here, so that a failed import counts as a failed figure
+
+        return plot(found)
+
     failures: dict[str, str] = {}
     if files is not None:
         with files.open() as locked:
             failures = _stage_study(locked, found.write, figure)
     with tell_interruption(lambda: NOTHING_WRITTEN if out is None else f"the result was written into {out}."):
-        warn((*notes, *found.warnings, *failures.values()))
-        say_table(describe_fit(found))
+        warn((*notes, *failures.values()))
+        say_table(table)
         _say_written(out, FIT_FILES, failures)
 
 

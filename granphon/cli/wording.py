@@ -11,6 +11,7 @@ from granphon.base.text import counted
 
 if TYPE_CHECKING:
     from granphon.fits.fit import WidthFit
+    from granphon.fits.transfer import DampingFit
     from granphon.media.cost import Cost
     from granphon.scene.run import RunResult
     from granphon.scene.scene import Scene
@@ -113,15 +114,11 @@ def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
     """Rows of a fit: its parameters with their standard errors, the data, and how well they agree."""
     from granphon.balls.parameters import PARAMETERS
 
-    def valued(value: float, error: float, unit: str) -> str:
-        known = math.isfinite(error)
-        return write_uncertain(value, error, unit) if known else f"{write_quantity(value, unit)}, error not known"
-
     rows = []
     for name, value, error in zip(fit.parameters, fit.values.tolist(), fit.stderrs.tolist(), strict=True):
-        rows.append((name.replace("_", " "), valued(value, error, PARAMETERS[name] or "")))
+        rows.append((name.replace("_", " "), _write_valued(value, error, PARAMETERS[name] or "")))
         if name == "width":
-            rows.append(("standard deviation", valued(fit.std, fit.std_stderr, "m")))
+            rows.append(("standard deviation", _write_valued(fit.std, fit.std_stderr, "m")))
     source = "given" if fit.sigma_given else f"from the scatter, {fit.dof} degrees of freedom"
     each = " to ".join(dict.fromkeys(f"{sigma:.3g}" for sigma in (min(fit.sigma), max(fit.sigma))))
     known = f"each +/- {each} m/s ({source})" if fit.errors_are_known else "error not known"
@@ -129,9 +126,33 @@ def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
     if not fit.is_isotropic:
         rows.append(("direction", write_direction(fit.waves.direction)))
     if fit.sigma_given:  # if sigma comes from the scatter, chi^2 equals the degrees of freedom by construction
-        agreement = f"{fit.chi2:.4g} for {fit.dof} degrees of freedom, p = {fit.p:.2g}"
-        rows.append(("chi^2", agreement if fit.dof else "none: as many are fitted as were measured"))
+        rows.append(_judge_fit(fit))
     return rows
+
+
+def _write_valued(value: float, error: float, unit: str) -> str:
+    known = math.isfinite(error)
+    if known and not unit:  # a number takes no prefix
+        return f"{value:.4g} +/- {error:.2g}"
+    return write_uncertain(value, error, unit) if known else f"{write_quantity(value, unit)}, error not known"
+
+
+def _judge_fit(fit: WidthFit | DampingFit) -> tuple[str, str]:
+    agreement = f"{fit.chi2:.4g} for {fit.dof} degrees of freedom, p = {fit.p:.2g}"
+    return "chi^2", agreement if fit.dof else "none: as many are fitted as were measured"
+
+
+def describe_response_fit(fit: DampingFit) -> list[tuple[str, str]]:
+    """Rows of a fit to a transfer function: its parameters with their standard errors, the data, and how well they agree."""
+    from granphon.fits.transfer import PARAMETERS
+
+    units = [PARAMETERS[name].replace("1", "") for name in fit.parameters]
+    each = zip(fit.parameters, fit.values.tolist(), fit.stderrs.tolist(), units, strict=True)
+    rows = [(name.replace("_", " "), _write_valued(value, error, unit)) for name, value, error, unit in each]
+    what = "magnitudes" if fit.measured.phase is None else "magnitudes and phases"
+    source = "sigma given" if fit.sigma_given else f"sigma from the scatter, {fit.dof} degrees of freedom"
+    rows.append(("data", f"{len(fit.magnitude)} {what}, {source}"))
+    return [*rows, _judge_fit(fit)] if fit.sigma_given else rows
 
 
 def describe_tradeoff(result: TradeOff, periods: int) -> list[str]:

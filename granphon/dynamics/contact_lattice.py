@@ -86,8 +86,8 @@ class Modes(Result):
 class ContactLattice(LongWaves):
     """Balls in contact on a periodic lattice, in reduced units: bands, velocities, moduli.
 
-    :meth:`of` makes the lattice of equal balls, :meth:`from_network` that of any network with periods; the constructor takes
-    any table of contacts.
+    :meth:`of` makes the lattice of equal balls, and :meth:`from_network` the lattice of any network with periods. The
+    constructor takes any table of contacts.
     """
 
     @classmethod
@@ -106,8 +106,8 @@ class ContactLattice(LongWaves):
 
         ``spacing`` a/d and ``prestress`` f/(k a) keep the terms of relative order delta/d that the paper drops: the spacing
         itself, the lever arm a/2 and the sideways push of the static force. With the default values these terms are dropped.
-        ``torsion`` and ``bending`` are the stiffness of a contact against twist and rolling over k d^2. ``motions`` are
-        those of each ball, by default the first that the lattice has.
+        ``torsion`` and ``bending`` are the stiffness of a contact against twist and rolling over k d^2. ``motions`` are the
+        motions of each ball, by default the first that the lattice has.
 
         Raises :class:`~granphon.base.errors.InputError` for a number that is not finite, or out of range.
         """
@@ -135,10 +135,10 @@ class ContactLattice(LongWaves):
     def from_network(cls, network: ContactNetwork) -> Self:
         """Make the contact lattice of a network that repeats along one, two or three axes, in its own reduced units.
 
-        The units are :attr:`ContactNetwork.scales`. Masses and radii of gyration are those of each ball; stiffnesses, arms
-        and, with ``prestress``, normal forces those of each contact. Bodies that do not move hold the balls that touch
-        them, and have no motions: balls are those that move, in the order of the network. If the periods do not lie along x,
-        or in the xy plane, the network is turned: its first period is then along x, the second in the xy plane.
+        The units are :attr:`ContactNetwork.scales`. Each ball has its own mass and radius of gyration, each contact its own
+        stiffnesses, arms and, with ``prestress``, normal force. Bodies that do not move hold the balls that touch them. They
+        have no motions, and the balls of the lattice are the moving ones, in the order of the network. If the periods do not
+        lie along x, or in the xy plane, the network is turned: its first period is then along x, the second in the xy plane.
 
         Raises :class:`~granphon.base.errors.InputError` for a network without a period, without contacts or balls that move,
         and for one in which static tangential forces act, which have no potential.
@@ -224,8 +224,8 @@ class ContactLattice(LongWaves):
         Parameters
         ----------
         wavevectors : (n_q, p), 1/d.
-        direction : (p,) or (n_q, p). Where branches touch, the modes are those that a path in this direction follows; at
-            Gamma, and wherever a mode vanishes, velocities are the limit along it. By default, the direction of q.
+        direction : (p,) or (n_q, p). Where branches touch, a path in this direction decides the modes. At Gamma, and
+            wherever a mode vanishes, velocities are the limit along it. By default, the direction of q.
 
         Raises
         ------

@@ -53,8 +53,8 @@ class LocalField(Result):
 
     Attributes
     ----------
-    alpha, beta : radial displacements of the on-top and the bridge second neighbours over that of the corona (equations 32
-        and 43); None on lattices other than the triangular one.
+    alpha, beta : radial displacements of the on-top and the bridge second neighbours, over the displacement of the corona
+        (equations 32 and 43); None on lattices other than the triangular one.
     xi : Xi of equations (34) and (44), the stiffness with which the rest of the lattice holds the corona, in units of k.
     mindlin_ratio : eta, tangential over normal stiffness.
     lattice : name of the lattice.

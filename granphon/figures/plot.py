@@ -23,6 +23,7 @@ _PICTURES: dict[str, tuple[str, str, str, float]] = {
     "granphon.Bands": ("bands", "bands_figure", "bands", 0.0),
     "granphon.DensityOfStates": ("bands", "bands_figure", "dos", 0.0),
     "granphon.WidthFit": ("curves", "fit_figure", "fit", 0.0),
+    "granphon.DampingFit": ("transfer", "transfer_fit_figure", "fit", 0.0),
     "granphon.TradeOff": ("work_precision", "tradeoff_figure", "result", 0.0),
     "granphon.PathSpectra": ("waves", "spectrum_figure", "spectra", 0.0),
     "granphon.SpectralFunction": ("waves", "plot_lines", "spectrum", 2.6),
@@ -60,8 +61,8 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
     ``result`` is bands, complex bands, a transmission, a density of states (of a lattice or of a sample), a sweep, a fit, a
     trade-off, spectra along a path or at single wave vectors, a pulse, a response, a motion, modes of a network (``mode``:
     which of them), a state at one load, a sample, a network of contacts, or the result of a scene's run, of which bands,
-    density of states or sweep are drawn. Of a state whose contacts follow from a law the picture is that of some cells of
-    its network. ``options`` are those of the function of :mod:`granphon.figures` that draws it, such as ``asymptotes`` of
+    density of states or sweep are drawn. A state whose contacts follow from a law is drawn as some cells of its network.
+    ``options`` go to the function of :mod:`granphon.figures` that draws the result, such as ``asymptotes`` of
     ``bands_figure`` and ``variable`` of ``sweep_figure``. Functions that draw on an Axes of yours are in the same modules.
 
     A list of results, or a mapping that names them, is one picture: sweeps, fits and results of scenes over the load, with

@@ -40,7 +40,7 @@ _CHANCE_OF_AGREEMENT = 0.05
 #: a datum of more than this leverage decides the fit almost alone
 _DECIDING_LEVERAGE = 0.9
 #: standard errors above this part of their parameter are beyond linear theory
-_LARGE_ERROR = 0.5
+LARGE_ERROR = 0.5
 #: scatter below this part of the rounding of the data tells nothing
 _SCATTER_OF_ROUNDING = 0.1
 #: data count as not rounded if their last decimal is below this part of the largest of them
@@ -61,7 +61,7 @@ _LEAST_RATIO = 0.03
 #: the same where the Young modulus is fitted too, which may itself be far off
 _LEAST_RATIO_OF_MODULUS = 1e-6
 #: parameters whose effects differ by less than this part cannot be told apart
-_SAME_EFFECT = 1e-6
+SAME_EFFECT = 1e-6
 #: number of times that samples are simulated at the parameters found last, where they do not serve all
 _MOST_SIMULATED = 12
 #: effect of the width on a velocity, d log v / d log W, or relative excess of a velocity, that counts as none
@@ -77,6 +77,22 @@ def compute_probability(chi2: float, dof: int) -> float:
     from scipy.special import chdtrc
 
     return float(chdtrc(dof, chi2)) if dof else math.nan
+
+
+def judge_residuals(chi2: float, dof: int, parameters: int) -> list[str]:
+    """Return a warning where errors of the given sigma hardly make ``chi2``, or where nothing can be said of it."""
+    if dof == 0:
+        what = f"as many data as fitted parameters ({parameters}) leave 0 degrees of freedom"
+        return [f"{what}: nothing can be said of how well the model fits"]
+    p = compute_probability(chi2, dof)
+    if _LEAST_CHANCE <= p <= 1.0 - _LEAST_CHANCE:
+        return []
+    small = "the model does not fit, or sigma is too small"
+    large = "sigma is too large, or the errors are not independent"
+    return [
+        f"the residuals are {math.sqrt(chi2 / dof):.3g} times what sigma says (chi^2 is {chi2:.4g} for {dof} degrees of"
+        f" freedom, p = {p:.2g}): {small if p < _LEAST_CHANCE else large}"
+    ]
 
 
 def compute_leverages(matrix: Array) -> Array:
@@ -121,21 +137,12 @@ def find_warnings(problem: FitProblem, logs: Array, errors: Array, given: bool, 
         return f"datum {place + 1}, {velocity[place]:.4g} m/s at {force[place]:.4g} N,"
 
     # residuals
-    p = compute_probability(chi2, dof) if given else math.nan
-    if dof == 0:
-        what = f"as many data as fitted parameters ({len(names)}) leave 0 degrees of freedom"
-        out.append(f"{what}: nothing can be said of how well the model fits")
+    if given or not dof:
+        out += judge_residuals(chi2, dof, len(names))
     elif not known:
         out.append(
             f"the scatter about the fit, {float(sigma[0]):.2g} m/s, is below the rounding of the data,"
             f" {find_rounding(velocity):.2g} m/s: standard errors are not known; give sigma"
-        )
-    elif p < _LEAST_CHANCE or p > 1.0 - _LEAST_CHANCE:
-        small = "the model does not fit, or sigma is too small"
-        large = "sigma is too large, or the errors are not independent"
-        out.append(
-            f"the residuals are {math.sqrt(chi2 / dof):.3g} times what sigma says (chi^2 is {chi2:.4g} for {dof} degrees of"
-            f" freedom, p = {p:.2g}): {small if p < _LEAST_CHANCE else large}"
         )
     # data above the velocity of equal balls by more than their noise, which no width explains
     excess = velocity / equal_balls - 1.0
@@ -183,7 +190,7 @@ def find_warnings(problem: FitProblem, logs: Array, errors: Array, given: bool, 
     out += [
         f"the standard error of {name} is {error:.2g} of its value: it can hardly be told from zero"
         for name, error in zip(names, errors.tolist(), strict=True)
-        if known and error > _LARGE_ERROR
+        if known and error > LARGE_ERROR
     ]
     return out
 
@@ -295,7 +302,7 @@ def find_best(problem: FitProblem) -> tuple[FitProblem, Array]:
             if not starts:  # even the narrowest width fails: the width is not the cause
                 raise
             break
-        step = np.linalg.lstsq(matrix[:, others], residuals, rcond=_SAME_EFFECT)[0]
+        step = np.linalg.lstsq(matrix[:, others], residuals, rcond=SAME_EFFECT)[0]
         starts.append(logs)
         squares.append(float(np.sum((residuals - matrix[:, others] @ step) ** 2)))
         effect = max(effect, float(np.max(np.abs(matrix[:, where] / (problem.velocity / problem.sigma - residuals)))))
@@ -372,8 +379,31 @@ def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> Inp
     return InputError(what, why, "Check the units of the data, the Young modulus, diameter and density")
 
 
+class Fitted:
+    """What follows from the covariance of the fitted parameters, and from the sum of squares."""
+
+    covariance: Array
+    sigma_given: bool
+    chi2: float
+    dof: int
+
+    @property
+    def stderrs(self) -> Array:
+        """Standard error of each parameter, (p,), SI."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def p(self) -> float:
+        """Probability that errors of the given sigma make a larger ``chi2``.
+
+        If sigma and the model are right, all values from 0 to 1 are equally likely. nan with no degrees of freedom, or with
+        sigma from the scatter.
+        """
+        return compute_probability(self.chi2, self.dof) if self.sigma_given else math.nan
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class WidthFit(Result):
+class WidthFit(Fitted, Result):
     """Parameters of a packing that fit measured velocities, and how well they are known.
 
     Attributes
@@ -430,11 +460,6 @@ class WidthFit(Result):
         return float(self.stderrs[self.parameters.index("width")]) if "width" in self.parameters else 0.0
 
     @property
-    def stderrs(self) -> Array:
-        """Standard error of each parameter, (p,), SI."""
-        return np.sqrt(np.diag(self.covariance))
-
-    @property
     def errors_are_known(self) -> bool:
         """Whether the standard errors rest on more than the rounding of the data; where not, they are nan."""
         return bool(np.all(np.isfinite(self.covariance)))
@@ -448,15 +473,6 @@ class WidthFit(Result):
     def std_stderr(self) -> float:
         """Standard error of :attr:`std`, m."""
         return self.stderr / math.sqrt(12.0)
-
-    @property
-    def p(self) -> float:
-        """Probability that errors of the given sigma make a larger ``chi2``.
-
-        If sigma and the model are right, all values from 0 to 1 are equally likely. nan with no degrees of freedom, or with
-        sigma from the scatter.
-        """
-        return compute_probability(self.chi2, self.dof) if self.sigma_given else math.nan
 
     @property
     def residuals(self) -> Array:
@@ -568,11 +584,11 @@ def fit_width(
 
     Returns
     -------
-    :class:`WidthFit`. Standard errors are those of linear theory, from the given sigma or from the scatter. If from the
-    scatter, a parameter's error over its standard error follows Student's distribution with ``dof`` degrees of freedom.
-    The ``warnings`` say why a fit is not to be trusted: ``p`` below 0.001 or above 0.999, no degrees of freedom, a scatter
-    below the rounding of the data, data above the velocity of equal balls, one datum that decides the fit alone
-    (leverage above 0.9) or lies far off, a standard error above half the value.
+    :class:`WidthFit`. Standard errors follow from linear theory, with the given sigma or the scatter. If from the scatter, a
+    parameter's error over its standard error follows Student's distribution with ``dof`` degrees of freedom. The
+    ``warnings`` say why a fit is not to be trusted: ``p`` below 0.001 or above 0.999, no degrees of freedom, a scatter below
+    the rounding of the data, data above the velocity of equal balls, one datum that decides the fit alone (leverage above
+    0.9) or lies far off, a standard error above half the value.
 
     Raises
     ------
@@ -601,7 +617,7 @@ def fit_width(
     # the covariance of the logarithms, and the step to the minimum of the linear problem
     norms = np.linalg.norm(matrix, axis=0)
     left, singular, right = np.linalg.svd(matrix / np.maximum(norms, 1e-300), full_matrices=False)
-    same = bool(np.all(norms > 0.0)) and singular[-1] < _SAME_EFFECT * singular[0]
+    same = bool(np.all(norms > 0.0)) and singular[-1] < SAME_EFFECT * singular[0]
     every = len(names) == len(VARIABLE)  # no data can tell all three apart
     # if the others were known, the standard error of a parameter would be 1/norm
     where = problem.model.width_index
@@ -643,8 +659,9 @@ def convert_pressure(
 ) -> float:
     """Return the contact force, N, under a pressure (N on a line, N/m in the plane, Pa in space).
 
-    With finite overlap, which the exact geometry of a simulation has too, it is that in the ``medium`` at the packing's own
-    width; for a simulation in the effective medium, whose overlaps differ from those of samples by less than W/100.
+    With finite overlap, also in the exact geometry of a simulation, the force follows from the ``medium`` at the packing's
+    own width. A simulation is replaced by the effective medium, whose overlaps differ from the overlaps of samples by less
+    than W/100.
 
     Raises :class:`~granphon.base.errors.InputError` if the diameter is among the parameters to be ``fitted``, as the force
     is proportional to it.
@@ -670,8 +687,8 @@ def convert_cutoff(
 ) -> Array:
     """Return the velocities of long waves, (n,), m/s, at contact forces, N, that belong to cut-off frequencies, Hz.
 
-    A cut-off is the highest frequency of the branch along the direction, as of :func:`fit_width`. Its ratio to the velocity
-    is that of the lattice of equal balls, which holds in every medium but a simulation.
+    A cut-off is the highest frequency of the ``branch`` along the ``direction``, both as in :func:`fit_width`. The ratio of
+    velocity to cut-off is taken from the lattice of equal balls; it is the same in every medium but a simulation.
 
     Raises :class:`~granphon.base.errors.InputError` if the diameter is among the parameters to be ``fitted``, to which the
     ratio is proportional, or if the lattice has no such branch.

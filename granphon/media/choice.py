@@ -50,21 +50,21 @@ _BALL_TIME = 3e-6
 class AutoMedium(MediumBase[ContactState]):
     """The cheapest medium whose expected error is within a tolerance.
 
-    Errors are relative errors of velocities and frequencies at the given load, from :mod:`granphon.media.accuracy`, against
-    simulated arrays, the :attr:`truth`: at rest without friction, or, with ``friction_history``, loaded with friction from
-    the default start; what the directions of the lattice leave out at the W/d of the packing is added. A simulation has one
-    sample (seed 0) of as many balls as it needs, up to 1024 x 1024 on the triangular lattice, and a cube of 96 diameters in
-    fcc and hcp. ``at_*`` take scalars or arrays, and return the state of the one medium that is accurate enough at all of
-    these loads; :meth:`choose` chooses for each load.
+    Errors are relative errors of velocities and frequencies at the given load, from :mod:`granphon.media.accuracy`. They are
+    measured against simulated arrays, the :attr:`truth`: at rest without friction or, with ``friction_history``, loaded with
+    friction from the default start. The error that the directions of the lattice make at the W/d of the packing is added. A
+    simulation has one sample (seed 0) of as many balls as it needs, up to 1024 x 1024 on the triangular lattice, and a cube
+    of 96 diameters in fcc and hcp. ``at_*`` take scalars or arrays, and return the state of the one medium that is accurate
+    enough at all of these loads; :meth:`choose` chooses for each load.
 
     Parameters
     ----------
     packing : the balls.
     tolerance : largest expected relative error.
-    friction_history : whether the truth is that of samples loaded with friction; media without a history, and the simulation
-        that has it, are then chosen among.
-    friction_coefficient, shear_response : of such a truth, as those of a :class:`~granphon.DirectSimulation`; a history
-        needs the former.
+    friction_history : whether the truth is samples loaded with friction. The choice is then among the media without a
+        history and the simulation with one.
+    friction_coefficient, shear_response : of such a truth, as in :class:`~granphon.DirectSimulation`; a history needs the
+        coefficient.
 
     Raises
     ------
@@ -260,13 +260,13 @@ class MediumChoice:
     def expected_error(self, packing: Packing, load: Load, against: FrictionHistory = REST) -> Array:
         """Return the expected relative error of velocities and frequencies, with the shape of the load.
 
-        It is +inf where the error is not known, as with a history of friction that is not that of the truth, and zero where
-        every medium is exact: for equal balls, and on a line. That of a simulation at rest without friction against arrays
-        that were loaded with friction is what these differ by, and the chance in its samples.
+        It is +inf where the error is not known, for example if the history of friction is not that of the truth. It is zero
+        where every medium is exact: for equal balls, and on a line. That of a simulation at rest without friction against
+        arrays that were loaded with friction is what these differ by, and the chance in its samples.
 
-        The arrays of the truth have true directions at the W/d of the packing. To the errors of the table, which were
-        measured at another W/d, is added the part of the transverse velocity by which the truth differs from that at this
-        one: half of that of the shear modulus. To the chance of a simulation is added what its own directions leave out.
+        The arrays of the truth have true directions at the W/d of the packing. The table was measured at another W/d. Half
+        of the relative difference of the shear modulus, which is the difference of the transverse velocity, is added for the
+        W/d of the packing. To the chance of a simulation is added what its own directions leave out.
         """
         if not packing.spread_matters:
             return np.zeros(load.shape)

@@ -33,12 +33,12 @@ class ClusterMedium(LawMedium):
     ----------
     packing : the balls, on any lattice that stands with its motions.
     balls : number of balls of the cluster, one that completes a shell: 7, 19 or 37 on the triangular lattice, 13 in fcc and
-        hcp. None is the first shell: the ball in the middle and those that touch it.
+        hcp. None is the first shell: the ball in the middle and the balls that touch it.
 
     Raises
     ------
-    InputError : a number of balls that no shell completes; the message lists those that do. From ``law`` and ``at_*``, a
-        :class:`~granphon.base.errors.MechanismError` if the lattice has a motion that costs no energy.
+    InputError : a number of balls that no shell completes; the message lists the numbers of complete shells. From ``law``
+        and ``at_*``, a :class:`~granphon.base.errors.MechanismError` if the lattice has a motion that costs no energy.
     """
 
     name, words = "cluster", "cluster medium"
@@ -72,7 +72,7 @@ class ClusterMedium(LawMedium):
 
     @property
     def is_quick(self) -> bool:
-        """Whether its states take less than 0.1 s: those of equal balls do."""
+        """Whether its states take less than 0.1 s, as for equal balls."""
         return not self.packing.width
 
     def prepare(self) -> None:

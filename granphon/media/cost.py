@@ -129,7 +129,7 @@ _TOLD_BYTES = 1e8
 
 @dataclass(frozen=True)
 class Cost:
-    """Memory and time of pieces of work. The sum of two costs is that of doing one piece after the other.
+    """Memory and time of pieces of work. The sum of two costs is the cost of one piece after the other.
 
     Attributes
     ----------
@@ -139,7 +139,7 @@ class Cost:
     known : time of work that is not a simulation, s.
     balls, equilibria : number of balls in one sample, and number of equilibria.
     parts : descriptions of the work that is not a simulation.
-    bounds : whether the time is a lower bound, as of arrays that start from the gas.
+    bounds : whether the time is a lower bound, as for arrays that start from the gas.
     """
 
     working: float = 0.0

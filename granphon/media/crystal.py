@@ -11,7 +11,7 @@ the next axis: y in a plane, z in space, x of a chain.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -97,7 +97,7 @@ class Crystal(Result):
         once. A law whose force is zero at overlaps below 0 only pushes. One that pulls there is a bond, which never
         opens; or it adheres down to its ``least_overlap``, and is zero below that.
     friction : whether contacts resist shear, with the stiffness of Mindlin for contacts that do not slip: kappa = 8 G* a,
-        where the contact radius a of any law is that of its stiffness k = 2 E* a.
+        where the contact radius a of any law follows from its stiffness k = 2 E* a.
     motions : the motions of each ball, as for :class:`~granphon.Packing`.
     torsion, bending : the stiffness of a contact against twist and rolling, over k times the square of the distance of its
         two centres; or torsion="mindlin", which is (16/3) a^3 over the sum of 1/G of both balls.
@@ -107,8 +107,8 @@ class Crystal(Result):
     ----------
     kinds, names : the different balls, and what each kind is called: A, B, C, ... if its ball has no name.
     kind : (n,) the number of the kind of each ball.
-    deviations : (n,) diameters of the balls of a :meth:`sample`, less those of their kinds, m; None of balls that are not
-        drawn.
+    deviations : (n,) diameters of the balls of a :meth:`sample`, minus the diameters of their kinds, m; None of balls that
+        are not drawn.
     contacts : the :class:`~granphon.balls.contact_table.ContactTable`, in m.
 
     Raises
@@ -216,7 +216,7 @@ class Crystal(Result):
             :class:`~granphon.Lattice`. A chain takes any number of kinds, and has as many balls in its cell; elsewhere the
             number of sites in the cell must be a multiple of the number of kinds.
         balls : a ball of each kind.
-        options : those of the class: law, friction, motions, torsion, bending, name.
+        options : options of the class: law, friction, motions, torsion, bending, name.
 
         The cell is scaled until neighbours touch. Raises :class:`~granphon.base.errors.InputError` if they cannot all touch,
         because the radii do not fit the lattice.
@@ -296,13 +296,13 @@ class Crystal(Result):
         Parameters
         ----------
         shape : (L1, ..., Lp), numbers of cells along the periods; by default one cell.
-        seed : the same seed gives the same diameters on any machine, and those of a sample of
-            :class:`~granphon.DirectSimulation`; a larger sample has those of a smaller one, before their mean is shifted.
+        seed : the same seed gives the same diameters on any machine, and the same as in :class:`~granphon.DirectSimulation`.
+            A larger sample contains the diameters of a smaller one, before their mean is shifted.
         diameters : (L1, ..., Lp), m, or (L1, ..., Lp, n) of n > 1 balls in the cell, instead of a shape and a seed.
 
-        Diameters of the balls of a kind are shifted so that their mean is exactly that of the kind. The balls differ little,
-        as those of a packing: they have the masses and the contact laws of the mean balls, and the reference sites stay
-        those at which mean balls touch, so that a contact has the overlap (D_i + D_j)/2 there, of deviations D. In
+        The diameters of a kind are shifted so that their mean is exactly the diameter of the kind. The diameters differ
+        little, as in a packing. All balls of a kind have the mass and the contact law of the mean ball, and mean balls touch
+        at the reference sites. A contact of balls with the deviations D_i and D_j has the overlap (D_i + D_j)/2 there. In
         the state at rest some contacts are then open, and some balls may be loose. Means of forces and overlaps, as
         :meth:`at_force` takes them, are over all contacts of the sample, the open ones too.
 
@@ -396,10 +396,10 @@ class Crystal(Result):
 
         Parameters
         ----------
-        axis : the number of the vector of the cell along which layers follow each other; or the integer Miller indices of
-            their plane, one for each vector of the cell as given, or the four of a hexagonal cell. The cells of fcc, bcc,
-            diamond and NaCl are primitive: the conventional plane (h, k, l) has the indices ``cell @ [h, k, l]``, made
-            whole numbers, in these. So fcc's conventional (0, 0, 1) is (1, 1, 0), and (1, 1, 1) is (1, 1, 1).
+        axis : index of the vector of the cell along which layers follow each other; or integer Miller indices of their
+            plane, one for each vector of the cell as given, or four in a hexagonal cell. The cells of fcc, bcc, diamond and
+            NaCl are primitive: the conventional plane (h, k, l) has the indices ``cell @ [h, k, l]``, made whole numbers, in
+            these. So fcc's conventional (0, 0, 1) is (1, 1, 0), and (1, 1, 1) is (1, 1, 1).
         layers : their number, in cells.
         edges : how the two faces are held: "free"; "clamped", the outer layer does not move by itself; "floor", a rigid
             plane touches the outer balls. One word for both, or (lower, upper).
@@ -663,10 +663,11 @@ class Crystal(Result):
 
         Parameters
         ----------
-        pressure : P, Pa in space, N/m in the plane, N on a line; one value or an array. Of what was cut it acts on both
-            faces too, on those that are free through their outer balls, in equal parts.
-        gravity : (d,) the acceleration, m/s^2, of a crystal that stands on a floor or clamp. Then the periods keep the
-            length at which balls touch, as between walls, P acts on the upper face alone, and may be zero.
+        pressure : P, Pa in space, N/m in the plane, N on a line; one value or an array. On a cut crystal it also acts on
+            both faces; on a free face the outer balls share it equally.
+        gravity : (d,) the acceleration, m/s^2, of a crystal that stands on a floor or clamp, or (..., d), of which there is
+            one for each load. Then the periods keep the length at which balls touch, as between walls, P acts on the upper
+            face alone, and may be zero.
         finite_overlap : the true geometry: contacts turn, the cell deforms, P acts on the deformed cell, and static forces
             enter the response. By default overlaps are small, which drops terms of relative order delta/d.
 
@@ -676,20 +677,21 @@ class Crystal(Result):
             gravity that nothing holds, or forces that contacts cannot bear.
         ConvergenceError, InstabilityError : the crystal does not come to rest.
         """
-        values = finite_array("pressure", pressure)
-        field = self._read_gravity(gravity)
+        values, fields = self._read_gravity(finite_array("pressure", pressure), gravity)
         if np.any(values):
             self._require_pressable()
         adhere = self._springs.adhere
         if np.any(values < 0.0) and not adhere:
             what = f"pressure is {brief(values.tolist())}: tensile"
             raise InputError(what, "One-sided contacts carry no tension", "Give a pressure above zero")
-        if field is None and np.any(values == 0.0) and not adhere:
+        if not adhere and any(one == 0.0 and field is None for one, field in zip(values.flat, fields, strict=True)):
             why = "Balls that only touch have no stiffness, and carry no sound"
             raise InputError("pressure is zero", why, "Press them, or give gravity and a floor")
-        return self._solve_each(
-            values, lambda one: self._push_hydrostatic(one, field, f"a pressure of {one:g}"), finite_overlap
-        )
+
+        def push(one: Array, field: Array | None) -> Push:
+            return self._push_hydrostatic(float(one), field, f"a pressure of {one:g}")
+
+        return self._solve_each(values, fields, push, finite_overlap)
 
     def at_force(
         self, force: ArrayLike, *, gravity: ArrayLike | None = None, finite_overlap: bool | None = None
@@ -697,7 +699,7 @@ class Crystal(Result):
         """Return the state at rest under that hydrostatic pressure at which contacts carry the mean ``force``, N.
 
         The mean is that over the contacts that carry a load, or touch if they adhere; of balls that differ in diameter that
-        over all contacts. ``gravity`` and ``finite_overlap``, and the errors, are those of :meth:`at_pressure`.
+        over all contacts. ``gravity``, ``finite_overlap`` and the errors are as in :meth:`at_pressure`.
         """
         return self._at_mean("force", force, gravity, finite_overlap)
 
@@ -717,7 +719,7 @@ class Crystal(Result):
         stress : (p, p) symmetric, or Voigt: (1,), (3,) for xx, yy, xy or (6,) for xx, yy, zz, yz, xz, xy; or an array of
             these. Pa in space, N/m in the plane, N on a line. Of what was cut it is that along the periods that are left,
             and the faces are not pressed.
-        gravity : (d,) m/s^2, of a crystal that stands on a floor or clamp.
+        gravity : m/s^2, of a crystal that stands on a floor or clamp; see :meth:`at_pressure`.
         finite_overlap : see :meth:`at_pressure`; the stress is then Cauchy's, on the deformed cell.
 
         Raises
@@ -726,10 +728,9 @@ class Crystal(Result):
             their centres.
         ConvergenceError, InstabilityError : the crystal does not come to rest.
         """
-        values = self._read_tensor("stress", stress, 1.0)
-        field = self._read_gravity(gravity)
+        values, fields = self._read_gravity(self._read_tensor("stress", stress, 1.0), gravity, 2)
 
-        def push(one: Array) -> Push:
+        def push(one: Array, field: Array | None) -> Push:
             frame, _, _ = self._frame
             force, pressed = self._weigh(field), np.zeros(frame.motion.shape[1])
             force[frame.strains] += frame.work_of(one)
@@ -738,7 +739,7 @@ class Crystal(Result):
             words = f"the stress {brief(np.round(one, 12).tolist() if np.max(np.abs(one)) > 1e-6 else one.tolist())} {unit}"
             return Push(force, still, np.zeros(len(force)), one, pressed, words, self._tell_lift(field))
 
-        return self._solve_each(values, push, finite_overlap, 2)
+        return self._solve_each(values, fields, push, finite_overlap, 2)
 
     def at_strain(
         self, strain: ArrayLike, *, gravity: ArrayLike | None = None, finite_overlap: bool | None = None
@@ -756,13 +757,12 @@ class Crystal(Result):
         InputError : an array of another shape; a strain that opens all contacts, or shortens a period to nothing.
         ConvergenceError, InstabilityError : the crystal does not come to rest.
         """
-        values = self._read_tensor("strain", strain, 0.5)
+        values, fields = self._read_gravity(self._read_tensor("strain", strain, 0.5), gravity, 2)
         if (least := float(np.min(np.linalg.eigvalsh(values)))) <= -1.0:
             what = f"strain shortens crystal {self.name!r} by {-least:.4g} of its length"
             raise InputError(what, "Nothing would be left of it", "Give a strain above -1")
-        field = self._read_gravity(gravity)
 
-        def push(one: Array) -> Push:
+        def push(one: Array, field: Array | None) -> Push:
             frame, _, _ = self._frame
             force = self._weigh(field)
             held, given = np.zeros(len(force), bool), np.zeros(len(force))
@@ -770,7 +770,7 @@ class Crystal(Result):
             given[frame.strains] = [one[a, b] * frame.length for a, b in frame.pairs]
             return Push(force, held, given, None, np.zeros(len(force)), f"the strain {brief(one.tolist())}")
 
-        return self._solve_each(values, push, finite_overlap, 2)
+        return self._solve_each(values, fields, push, finite_overlap, 2)
 
     def _read_tensor(self, name: str, values: ArrayLike, shear: float) -> Array:
         """Return tensors (..., p, p), from these or from Voigt's order, in which shears count by the factor ``shear``."""
@@ -793,26 +793,33 @@ class Crystal(Result):
             out[..., a, b] = out[..., b, a] = given[..., number] * (1.0 if a == b else shear)
         return out
 
-    def _read_gravity(self, gravity: ArrayLike | None) -> Array | None:
-        """Return the acceleration (d,) of gravity; None without it. :class:`InputError` if nothing holds the balls."""
+    def _read_gravity(self, values: Array, gravity: ArrayLike | None, rank: int = 0) -> tuple[Array, list[Array | None]]:
+        """Return loads, whose last ``rank`` axes are those of one, and the acceleration (d,) of gravity at each, or None.
+
+        Loads and gravity are broadcast. Raises :class:`InputError` if they cannot be, or if nothing holds the balls.
+        """
+        lead = values.shape[: values.ndim - rank]
         if gravity is None:
-            return None
+            return values, [None] * math.prod(lead)
         field, d, p = finite_array("gravity", gravity), self.dimension, self.periods
-        field = field[None] if d == 1 and field.ndim == 0 else field
-        if field.shape != (d,):
-            what = f"gravity has the shape {field.shape}"
+        field = field[..., None] if d == 1 and field.shape[-1:] != (1,) else field
+        try:
+            shape = np.broadcast_shapes(lead, field.shape[:-1]) if field.shape[-1:] == (d,) else None
+        except ValueError:
+            shape = None
+        if shape is None:
+            what = f"gravity has the shape {field.shape}" + (f", and the loads {lead}" if lead else "")
             raise InputError(what, mend=f"Give its {counted(d, 'component')}, m/s^2, as (0, -9.81) in a plane")
-        if not np.any(field):
-            return None
-        across = np.abs(field) > 1e-12 * np.max(np.abs(field))
+        across = np.abs(field) > 1e-12 * np.max(np.abs(field), axis=-1, keepdims=True)
         walls = {face.axis for face in self.faces if face.is_held}
-        for axis in np.flatnonzero(across).tolist():
+        for axis in np.flatnonzero(np.any(across.reshape(-1, d), axis=0)).tolist():
             if axis < p or (axis not in walls and not any("clamped" in face.edges for face in self.faces)):
                 where = "repeats" if axis < p else "stands on nothing"
                 what = f"gravity acts along {'xyz'[axis]}, where crystal {self.name!r} {where}"
                 mend = 'Cut it, and let it stand: crystal.cut(axis, layers, edges=("floor", "free"))'
                 raise InputError(what, "Nothing holds the balls there", mend)
-        return np.asarray(field)
+        each = np.broadcast_to(field, (*shape, d)).reshape(-1, d)
+        return np.broadcast_to(values, shape + values.shape[len(lead) :]), [one if np.any(one) else None for one in each]
 
     def _weigh(self, field: Array | None) -> Array:
         """Return the forces (N,) of gravity on the unknowns of the statics."""
@@ -871,7 +878,7 @@ class Crystal(Result):
 
     def _at_mean(self, kind: str, values: ArrayLike, gravity: ArrayLike | None, finite_overlap: bool | None) -> CrystalState:
         """Return the state at which contacts have a mean force or overlap, by a search for the pressure."""
-        given, field = finite_array(kind, values), self._read_gravity(gravity)
+        given, fields = self._read_gravity(finite_array(kind, values), gravity)
         self._require_pressable()
         if np.any(given <= 0.0):
             word = "zero" if np.any(given == 0.0) else f"{brief(given.tolist())}: tensile"
@@ -883,7 +890,8 @@ class Crystal(Result):
         follows = read_finite_overlap(finite_overlap)
         frame, springs = self._frame[0], self._springs
         with _in_double_precision(given):
-            each = [self._find_mean(kind, one, field, follows, frame, springs) for one in given.ravel().tolist()]
+            loads = zip(given.ravel().tolist(), fields, strict=True)
+            each = [self._find_mean(kind, one, field, follows, frame, springs) for one, field in loads]
             return self._stack(given, each, 0, follows)
 
     def _require_pressable(self) -> None:
@@ -952,15 +960,17 @@ class Crystal(Result):
         )
         raise InputError(what, why, "Give a larger one" if field is not None else "")
 
-    def _solve_each(self, values: Array, make: Any, finite_overlap: bool | None, rank: int = 0) -> CrystalState:
-        """Return the state at each load: ``make`` makes the load of a value, or of a tensor of ``rank`` 2."""
+    def _solve_each(
+        self, values: Array, fields: Sequence[Array | None], make: Callable[[Array, Array | None], Push],
+        finite_overlap: bool | None, rank: int = 0,
+    ) -> CrystalState:  # fmt: skip
+        """Return the state at each load: ``make`` makes that of a value, or of a tensor of ``rank`` 2, and of gravity."""
         follows = read_finite_overlap(finite_overlap)
         frame, springs = self._frame[0], self._springs
         found = []
-        flat = values.reshape(-1, *values.shape[values.ndim - rank :]) if rank else values.ravel()
         with _in_double_precision(values):
-            for one in flat:
-                push = make(one if rank else float(one))
+            for one, field in zip(values.reshape(-1, *values.shape[values.ndim - rank :]), fields, strict=True):
+                push = make(one, field)
                 rest = settle(frame, springs, push)
                 found.append((settle_exactly(frame, springs, push, rest) if follows else rest, push))
             return self._stack(values, found, rank, follows)
@@ -1118,7 +1128,7 @@ class CrystalState(Result):
 
     @property
     def scales(self) -> Units:
-        """Reduced units at one load, those of the :attr:`network`.
+        """Reduced units at one load, as of the :attr:`network`.
 
         Raises :class:`~granphon.base.errors.InputError` for several loads.
         """
@@ -1136,8 +1146,9 @@ class CrystalState(Result):
     def limits(self) -> tuple[Check, ...]:
         """What limits the state, as conditions.
 
-        They are the contact radius over that of the ball, the overlap over the last of the table of a law, and the mean
-        pressure of a contact over the yield strength, each the largest over the contacts; and what no ball is made of.
+        They are the contact radius over the radius of the ball, the overlap over the last overlap of a tabulated law, and
+        the mean pressure of a contact over the yield strength, each the largest over the contacts; and material constants
+        that no solid has.
         """
         crystal, table = self.crystal, self.crystal.contacts
         at = [one for _, _, one in crystal._floors]
@@ -1163,9 +1174,9 @@ class CrystalState(Result):
     def valid(self) -> Any:
         """Whether the state is inside the range of its contact laws, at each load; :attr:`warnings` say why not.
 
-        The contact radius must be no more than a tenth of that of a ball, the mean pressure of a contact below 1.07 of the
-        yield strength, if that is given, and the overlap within the table of a tabulated law. A diameter, density or Young
-        modulus that no solid ball has, so that its unit is probably wrong, is not valid either.
+        The contact radius must be no more than a tenth of the radius of a ball, the mean pressure of a contact below 1.07 of
+        the yield strength, if that is given, and the overlap within the table of a tabulated law. A diameter, density or
+        Young modulus that no solid ball has, so that its unit is probably wrong, is not valid either.
         """
         met = np.all([check.ok for check in self.limits], axis=0)
         return bool(met) if self.is_single else met

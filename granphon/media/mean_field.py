@@ -49,8 +49,8 @@ class LawMedium(MediumBase[ContactState]):
 
     They raise :class:`~granphon.base.errors.InputError` for a load that is not finite, not compressive, or presses balls
     together by their whole diameter, and :class:`~granphon.base.errors.PrecisionError` for one so low that the law is not
-    known there. With ``finite_overlap`` every result from the state includes the terms of relative order delta/d, and its
-    pressure and density are those of a boundary that shrinks with the balls.
+    known there. With ``finite_overlap`` every result from the state includes the terms of relative order delta/d, and
+    pressure and density count the boundary that shrinks with the balls.
     """
 
     packing: Packing
@@ -168,11 +168,11 @@ class EffectiveMedium(LawMedium):
     diameters puts a kink into the law, which is resolved. For some lists with diameters rarer than about 1 % the stiffness
     falls to zero at a higher f* than 1e-6, and the equation has no solution below. On a line it is Hertz's law.
 
-    Friction makes Xi larger: the lattice around a ball gives way less, by springs eta k against slip. That is all that it
-    holds of friction in the statics: contacts bear no tangential force at rest, there is no friction coefficient and none
-    slides, and the way to the load does not matter; :class:`DirectSimulation` with ``friction_history`` has all that. At a
-    given overlap the medium's friction adds too much force at low load, and less than half of what it should from a* = 0.8
-    to 1. In sound every contact has the shear stiffness eta k, as with ``shear_response="stick"``.
+    Friction makes Xi larger: the lattice around a ball gives way less, by springs eta k against slip. It has no other
+    friction in the statics: contacts bear no tangential force at rest and do not slide, there is no friction coefficient,
+    and the path to the load does not matter. :class:`DirectSimulation` with ``friction_history`` has all of this. At a given
+    overlap the medium's friction adds too much force at low load, and less than half of what it should from a* = 0.8 to 1.
+    In sound every contact has the shear stiffness eta k, as with ``shear_response="stick"``.
 
     Parameters
     ----------
@@ -232,8 +232,8 @@ class EffectiveMedium(LawMedium):
         """Local-field factor Xi, with alpha and beta, of the packing's lattice, Mindlin ratio, torsion and bending.
 
         Without friction, torsion and bending some lattices have none: it raises
-        :class:`~granphon.base.errors.MechanismError`. With ``torsion="mindlin"`` it is that of no torsion, to which it tends
-        as delta/d, because the medium leaves out terms of the order delta/d.
+        :class:`~granphon.base.errors.MechanismError`. With ``torsion="mindlin"`` torsion is left out, because it is of the
+        order delta/d, as other terms that the medium leaves out.
         """
         packing, eta = self.packing, self.packing.mindlin_ratio
         if self.source == "paper":

@@ -121,8 +121,8 @@ class SimulatedState(SampledState):
 
     At a given force or pressure every sample bears the same force, and overlaps are averaged. At a given overlap all samples
     have the same overlap, and forces are averaged. In both cases ``normal_stiffness`` is the exact derivative of the mean
-    force with respect to the mean overlap; after a history with friction, that of the linear response, from which the
-    derivative along the path differs (:attr:`PressedSample.normal_stiffness`).
+    force with respect to the mean overlap; after a history with friction it belongs to the linear response, which differs
+    from the slope of the path (:attr:`PressedSample.normal_stiffness`).
 
     Attributes
     ----------
@@ -130,8 +130,8 @@ class SimulatedState(SampledState):
     fixed_overlap : True if all samples have the same overlap, False if they have the same force.
 
     ``finite_overlap`` is True of samples in their exact geometry, if only at some loads. Otherwise it is False: the linear
-    response of the samples is that of the paper's limit, and so are the pressure and the density that go with it;
-    :class:`~granphon.base.errors.InputError` if it is set.
+    response, pressure and density of the samples are in the paper's limit; :class:`~granphon.base.errors.InputError` if it
+    is set.
     """
 
     law: HertzLaw | SampleLaw = field(repr=False)
@@ -142,7 +142,7 @@ class SimulatedState(SampledState):
     def of(cls, simulation: DirectSimulation, samples: Sequence[Any], load: Load) -> Self:
         """Make the state of ``samples`` under an applied ``load``.
 
-        Its force or overlap is exactly that of the load, if the load is given as one of these.
+        Its force or overlap is exact if the load is given as one of these.
         """
         rows = np.array([(s.force, s.overlap, s.normal_stiffness) for s in samples]).reshape(*load.shape, -1, 3)
         forces, overlaps, stiffnesses = np.moveaxis(rows, -1, 0)
@@ -238,8 +238,8 @@ class SimulatedState(SampledState):
     def exponent(self) -> Any:
         """Local exponent d log v_L / d log P; exactly 1/6 for equal balls and on a line.
 
-        It is that of the mean modulus of longitudinal waves over all directions and samples: K + G in the plane, K + 4G/3 in
-        space, with the averages of Voigt where samples are not isotropic.
+        It belongs to the modulus of longitudinal waves, averaged over all directions and samples: K + G in the plane, K +
+        4G/3 in space, with the averages of Voigt where samples are not isotropic.
 
         It is a difference over :data:`~granphon.array.sample.STEP` of log f to either side: each sample is solved at two
         more loads, when the exponent or its error is first asked for. The derivative itself is not used, as its variance is
@@ -306,7 +306,7 @@ class DirectSimulation(SampledBalls, MediumBase[SimulatedState]):
         boundary included); or "lattice": contacts keep the directions of the lattice, the limit of small spread, which is
         faster; or None, the default: a history of friction is then exact, and without one the geometry is that of the
         lattice if its directions are expected to leave out less than 1e-3 of the shear modulus, at each load, else exact.
-        Equal balls, and those that differ by more than a fifth of their diameter, have the directions of the lattice.
+        Equal balls, and balls that differ by more than a fifth of their diameter, have the directions of the lattice.
     start : where the loading starts, at rest without friction: a reduced spacing a*, 1/2 by default, or a load as
         {"force": 1.0} (N), {"pressure": ...}, {"overlap": ...} (m). Or "gas": balls lie apart on their sites, and are
         pressed with friction until they stand; so lattices begin that do not stand without friction.
@@ -348,7 +348,7 @@ class DirectSimulation(SampledBalls, MediumBase[SimulatedState]):
     def law(self) -> HertzLaw | SampleLaw:
         """Contact law: mean force against overlap of the samples; Hertz's law for equal balls and on a line.
 
-        With a history of friction it is that of monotonic loading.
+        With a history of friction it is the law of monotonic loading.
         """
         return SampleLaw(replace(self, executor=None, ordered=False)) if self.packing.spread_matters else self.packing.law
 

@@ -416,9 +416,9 @@ class ContactState(State, Result):
     def torsion(self) -> Values:
         """Stiffness of a contact against twist about its normal, over k d^2.
 
-        It is that of the packing, also where balls differ: with ``torsion="mindlin"`` that of a Hertz contact that does not
-        slip, at the mean force (:meth:`~granphon.balls.packing.Packing.find_torsion`). Each contact of a simulated
-        sample has that of its own force.
+        It is the torsion of the packing, also where balls differ. With ``torsion="mindlin"`` it is the torsion of a Hertz
+        contact that does not slip, at the mean force (:meth:`~granphon.balls.packing.Packing.find_torsion`). Each contact of
+        a simulated sample has the torsion at its own force.
         """
         return _unwrap_scalars(self.packing.find_torsion(self.force, self.normal_stiffness))
 
@@ -495,7 +495,7 @@ class ContactState(State, Result):
 
     @property
     def stiffness_ratio(self) -> Values:
-        """Normal stiffness k over that of the ideal lattice at the same force, the ordinate of Figure 11."""
+        """Normal stiffness k over the stiffness of the ideal lattice at the same force, the ordinate of Figure 11."""
         return _unwrap_scalars(self.normal_stiffness / self.packing.law.stiffness(self.overlap_of_equal_balls))
 
     @cached_property
@@ -651,8 +651,8 @@ class ContactState(State, Result):
     def mean_errors(self) -> dict[str, Values]:
         """Standard error over samples of the force or overlap, as "force_error" (N) or "overlap_error" (m).
 
-        At a given force or pressure it is that of the overlap, at a given overlap that of the force. The dictionary is empty
-        if there are fewer than two samples.
+        At a given force or pressure it is the error of the overlap, at a given overlap the error of the force. The
+        dictionary is empty if there are fewer than two samples.
         """
         return {}
 
@@ -875,7 +875,7 @@ class NetworkStates(State):
 
 
 def as_state(source: Any) -> State:
-    """Return ``source``, the argument of a public call, as a state: itself, or that of its network, or of those it has.
+    """Return ``source``, the argument of a public call, as a state: the source itself, or the state of its network.
 
     Raises :class:`~granphon.base.errors.InputError` for something that has no network, and for a network without periods.
     """

@@ -275,7 +275,8 @@ class ContactNetwork(Result):
 
     @cached_property
     def rattlers(self) -> Index:
-        """Indices of the balls that carry no load: fewer contacts than can hold them, then those that these leave so.
+        """Indices of the balls that carry no load: balls with too few contacts to be held, then balls that have too few
+        contacts without them, and so on.
 
         A contact counts if its force is above 1e-6 of the mean of all; if no contact of the network has a force, all
         contacts count, as if their forces were equal. See :meth:`without_rattlers`. A wall is no rattler.
@@ -323,10 +324,10 @@ class ContactNetwork(Result):
     def without_rattlers(self, held_by: int | None = None) -> Self:
         """Return the network without the balls that carry no load; ``left_out`` says how many these are.
 
-        ``held_by`` is the least number of contacts of a ball that is held: by default two where contacts resist slip, and
-        one more than there are dimensions where they do not; there, two contacts or more whose forces are in balance, as
-        along a straight row, hold a ball as well. Where gravity holds balls down, too, it is smaller: give it.
-        Raises :class:`~granphon.base.errors.InputError` if no ball is held.
+        ``held_by`` is the least number of contacts that hold a ball: by default two if contacts resist slip, else one more
+        than there are dimensions. Without slip resistance two or more contacts whose forces are in balance, as along a
+        straight row, also hold a ball. Where gravity holds balls down, too, it is smaller: give it. Raises
+        :class:`~granphon.base.errors.InputError` if no ball is held.
         """
         least = None if held_by is None else whole_number("held_by", held_by, 0)
         loose = self.rattlers if least is None else self._find_rattlers(least)
@@ -345,7 +346,7 @@ class ContactNetwork(Result):
     def select(self, balls: ArrayLike) -> Self:
         """Return the network of some balls, given by their indices or as (n,) truth values, and of the contacts among them.
 
-        Its ``labels`` are those of the balls, or their indices in this network if these have none. Raises
+        It keeps the ``labels`` of the balls; if they have none, the labels are their indices in this network. Raises
         :class:`~granphon.base.errors.InputError` for balls that are not there, for a ball given twice, and for none.
         """
         chosen = np.asarray(balls)
@@ -369,7 +370,7 @@ class ContactNetwork(Result):
     def pieces(self) -> tuple[Self, ...]:
         """Return the networks into which this one falls, the largest first; (self,) if contacts join all balls.
 
-        A wall joins no pieces, as it does not move, and is in each of those that it touches.
+        A wall does not move and joins no pieces; it is part of each piece that it touches.
         """
         piece, moving = number_pieces(self.i, self.j, self.moving), self.moving
         members = np.flatnonzero(moving)
@@ -428,8 +429,8 @@ class ContactNetwork(Result):
             indices of their plane, one for each period.
         layers : their number, in cells.
         edges : how the two faces are held: "free"; "clamped", the balls of the outer layer do not move; "floor", a rigid
-            plane touches the outer balls, with the mean stiffness of the contacts that each of them has lost there, and
-            their force across the edge. One word for both, or (lower, upper).
+            plane touches the outer balls, with the mean stiffness of the contacts that each ball has lost there, and their
+            force across the edge. One word for both, or (lower, upper).
 
         The layers follow each other along the first axis that is no longer a period, the lower face first: y of what was cut
         from a plane, z from space, x from a chain. If need be the network is turned, so that the periods that are left lie
@@ -603,8 +604,8 @@ class ContactNetwork(Result):
         dimension : 1, 2 or 3; by default 2 where z is the same for all balls, else 3.
         motions, friction, prestress, keep_rattlers, held_by : see :meth:`from_table`.
 
-        With ``prestress`` the response is that of ``mindlin/force``, but for the part of the tangential forces that has no
-        potential, and for slip, which LAMMPS counts with the radii. Contacts with walls are not in ``compute
+        With ``prestress`` the response is that of ``mindlin/force``, with two differences: the part of the tangential forces
+        without a potential is left out, and LAMMPS computes slip with the radii. Contacts with walls are not in ``compute
         pair/local``, and are missing.
 
         A force that is more than ten times that of Hertz's law at the overlap of its balls, or less than a tenth, is an

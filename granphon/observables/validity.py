@@ -93,7 +93,7 @@ def validity(state: Any) -> Validity:
 
 
 def find_warnings(state: State) -> tuple[str, ...]:
-    """Return one sentence for each limit that a state exceeds: its own, or else those of :func:`validity`."""
+    """Return one sentence for each limit that a state exceeds: limits of the state, or else of :func:`validity`."""
     own = getattr(state, "warnings", None)
     return validity(state).warnings if own is None else own
 

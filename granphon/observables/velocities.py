@@ -138,20 +138,20 @@ class SoundVelocities(Result):
 
 
 def sound_velocities(state: Any, direction: ArrayLike | None = None) -> SoundVelocities:
-    """Return the sound velocities, m/s (equations 13, 14, 16): those of waves that are long against the balls.
+    """Return the velocities of sound, m/s, in the limit of long waves (equations 13, 14, 16).
 
     Parameters
     ----------
     state : the state of the contacts, at one load or many; the state of a crystal, a sample, or a
-        :class:`~granphon.ContactNetwork`, that repeats along one axis or more. Waves run along the periods: a ribbon has
-        one direction, a slab those of a plane.
+        :class:`~granphon.ContactNetwork`, that repeats along one axis or more. Waves run along the periods: along the one of
+        a ribbon, in any direction of the plane of a slab.
     direction : direction of propagation, Cartesian, (p,) for a lattice with p periods, or (n, p) for many at once, whose
         axis follows those of the load. It may be left out where sound is isotropic, as on the triangular lattice and on a
-        chain. On other lattices the velocities are those of the quasi-longitudinal and the quasi-transverse waves. A
-        simulation is isotropic on average: its velocities follow from its mean bulk and shear modulus. The
-        quasi-longitudinal wave is the one whose displacement is nearest to the direction. Of two transverse ones the slow
-        one is the first; where their velocities are equal, as along [100] and [111] of a cubic lattice, the first of their
-        polarisations is along the first of the axes x, y, z that are farthest from the longitudinal one.
+        chain. On other lattices the waves are quasi-longitudinal and quasi-transverse. A simulation is isotropic on average:
+        its velocities follow from its mean bulk and shear modulus. The quasi-longitudinal wave is the one whose displacement
+        is nearest to the direction. The slow transverse wave comes before the fast one. If their velocities are equal, as
+        along [100] and [111] of a cubic lattice, the first polarisation is along the axis x, y or z farthest from the
+        longitudinal one, in this order if several are.
 
     Raises
     ------
@@ -316,8 +316,8 @@ class Moduli(Result):
     def anisotropy(self) -> Any:
         """Anisotropy of a cubic or square lattice, 2 C44/(C11 - C12) or 2 C33/(C11 - C12); 1 if it is isotropic (Zener).
 
-        C44 is the mean of the shear moduli yz, xz, xy, and C11 - C12 that of three axes, which differ in a sample of finite
-        size. So its distance from 1 in the triangular lattice shows how far samples are from isotropic.
+        C44 is the mean of the shear moduli yz, xz, xy, and C11 - C12 the mean over three axes; they differ in a sample of
+        finite size. So its distance from 1 in the triangular lattice shows how far samples are from isotropic.
 
         Raises :class:`~granphon.base.errors.InputError` if the lattice is neither isotropic nor square or cubic, and for a
         chain.
@@ -464,8 +464,8 @@ def pulse_velocities(
     -------
     :class:`PulseVelocities`; the wavenumber solves the dispersion relation to rounding. Its ``group`` is the component of
     the group velocity along the wave vector; the vector itself, which points elsewhere off the axes of symmetry, is
-    ``group_vector``. Arrays run over the branches, then loads and frequencies, then directions: the branches are first here,
-    and not last, so that ``phase[0]`` is that of the first branch.
+    ``group_vector``. Arrays run over the branches, then loads and frequencies, then directions, so that ``phase[0]`` belongs
+    to the first branch.
 
     Raises
     ------

@@ -78,7 +78,7 @@ class Bands(Result):
     pbc : along which of the d periods of the lattice the cell repeats, by default all; a ribbon that is cut out of a lattice
         in the plane repeats along one.
     kinds : names of the kinds of the balls, if they are known.
-    gyration : (n,) radii of gyration of the balls, in reduced units; by default those of solid balls of the unit of length.
+    gyration : (n,) radii of gyration of the balls, in reduced units; by default of solid balls with the diameter 1.
     """
 
     units = {"distances": "1", "frequencies": "Hz", "group_velocities": "m/s"}
@@ -243,9 +243,8 @@ class Bands(Result):
         expect three branches for each atom: ``pad`` adds, below the others, one branch at zero frequency for each such
         coordinate, which moves it alone. :meth:`read` leaves these branches out.
 
-        Six motions of a ball are those of two atoms. The second, "Sn", stands a
-        little aside of its ball. As phonopy's own, its eigenvector has the phase of that place; :meth:`read` returns it to
-        the phase of the ball.
+        A ball of six motions is two atoms. The second, "Sn", stands a little aside of its ball. As in phonopy, its
+        eigenvector has the phase at that place; :meth:`read` restores the phase at the ball.
         """
         top = float(self.frequencies.max())
         unit = HertzPrefix.for_top(top)

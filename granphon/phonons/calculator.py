@@ -210,17 +210,17 @@ class HarmonicContacts(Calculator):  # type: ignore[misc]
 class HertzMindlin(Calculator):  # type: ignore[misc]
     """ASE calculator of one-sided Hertz-Mindlin contacts, in the reduced units of its state.
 
-    Energy, forces, torques and stress follow from positions and rotations. The energy of a contact is that of the state's
+    Energy, forces, torques and stress follow from positions and rotations. The energy of a contact follows from the state's
     contact law at the overlap of the contact, plus kappa s^2/2 + k_t twist^2/2 + k_b roll^2/2: s is the slip since the
     reference configuration, twist and roll are the rotation of one ball relative to the other about the normal and across
-    it, and the stiffnesses are those of the reference. Balls that are apart exert no force on each other. Stress, in Voigt
+    it, and the stiffnesses belong to the reference. Balls that are apart exert no force on each other. Stress, in Voigt
     order, is force over area; across a line or a plane of balls the cell counts as one diameter thick. Multiplied by
     ``Units.modulus`` it is in Pa.
 
     The balls may be any cell of the lattice: a supercell, a slab (periodic in some directions only), a cluster, a cell with
-    vacancies. If the motions of the state lead out of the plane, positions and rotations are those of space: balls may stand
-    out of the plane, and rotations and torques are (N, 3). Energy, forces and torques include what all coordinates do, also
-    where the state names the motions out of the plane only.
+    vacancies. If the motions of the state lead out of the plane, balls may stand out of the plane, and rotations and torques
+    are (N, 3). Energy, forces and torques include what all coordinates do, also where the state names the motions out of the
+    plane only.
 
     In the paper's limit (the default of a state) the overlap is delta - (r - d n).n with n fixed; if the state has finite
     overlap it is ``d - |r|``. Slip is counted from the array ``slip_origin``.
@@ -290,9 +290,9 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         """Return a copy of Atoms from elsewhere that has all that balls of this state need, and this calculator.
 
         The copy keeps what the Atoms have, including what was set by hand. Masses, scales and arrays of
-        :func:`~granphon.atoms` that are missing are taken from ``like``, ball by ball. Without ``like`` they are those
-        of balls of the state on the sites of its lattice, with masses (1 + deviation)^3. Positions and cell must be in units
-        of the mean diameter.
+        :func:`~granphon.atoms` that are missing are taken from ``like``, ball by ball. Without ``like`` the balls are those
+        of the state, on the sites of its lattice, with masses (1 + deviation)^3. Positions and cell must be in units of the
+        mean diameter.
 
         Raises :class:`~granphon.base.errors.InputError` if ``like`` has another number of balls, or if the Atoms belong to
         another state.
@@ -432,25 +432,25 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
     def contact_lattice(self, atoms: Atoms, motions: str | None = None) -> ContactLattice:
         """Return the harmonic :class:`~granphon.ContactLattice` of any cell of these balls, about the state.
 
-        Its contacts are the closed contacts of the lattice between the balls of the cell. The overlap of a contact is that
-        of the state, plus the mean of the two ``diameter_deviations``, less what the ``displacements`` add to the distance.
-        With ``finite_overlap`` displacements also turn the contacts. Masses are those of the Atoms. Its periods and its
-        dimension are those of the lattice; the dimension is three if displacements turn contacts out of the plane. Shear,
-        torsion and bending of each contact are in proportion to its normal stiffness; ``torsion="mindlin"`` is that of a
-        Hertz contact under the force of each.
+        Its contacts are the closed contacts of the lattice between the balls of the cell. The overlap of a contact is the
+        overlap of the state, plus the mean of the two ``diameter_deviations``, minus the change of the distance by the
+        ``displacements``. With ``finite_overlap`` displacements also turn the contacts. Masses are those of the Atoms. It
+        has the periods and the dimension of the lattice; the dimension is three if displacements turn contacts out of the
+        plane. Shear, torsion and bending of each contact are in proportion to its normal stiffness. With
+        ``torsion="mindlin"`` each contact has the torsion of a Hertz contact under its own force.
 
         ``motions`` names some of the motions of the state, "longitudinal", "in_plane", "out_of_plane" or "all", and leaves
-        the others out; by default they are those of the state. Raises :class:`~granphon.base.errors.InputError` for a name
-        of motions that the state does not have.
+        the others out; by default all motions of the state. Raises :class:`~granphon.base.errors.InputError` for a name of
+        motions that the state does not have.
         """
         return self._find_lattice(atoms, motions)[0]
 
     def contact_network(self, atoms: Atoms, motions: str | None = None) -> ContactNetwork:
         """Return balls and closed contacts of any cell as a :class:`~granphon.networks.network.ContactNetwork`, in SI.
 
-        They are those of :meth:`contact_lattice`, with their forces, at the places of the balls in the reference state. The
-        network repeats along the periods of the Atoms. With ``finite_overlap`` it has prestress. ``motions`` and errors are
-        as for :meth:`contact_lattice`.
+        The contacts are those of :meth:`contact_lattice`, with their forces, at the places of the balls in the reference
+        state. The network repeats along the periods of the Atoms. With ``finite_overlap`` it has prestress. ``motions`` and
+        errors are as for :meth:`contact_lattice`.
         """
         lattice, law, overlap = self._find_lattice(atoms, motions)
         d, positions = self.scales.length, np.zeros((len(atoms), 3))

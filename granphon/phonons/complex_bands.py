@@ -25,8 +25,9 @@ class ComplexBands(Result):
     """All waves across the layers of a crystal at given frequencies. ``np.asarray`` of it is ``wavenumbers``.
 
     A motion changes by exp(i k h) from layer to layer, in the time exp(-2 pi i f t). Waves of the first half of a row run or
-    decay towards higher layers, those of the other half towards lower ones. In each half those that run come first, and the
-    others follow as they decay faster. An imaginary part is infinite where a motion reaches no other layer at a frequency.
+    decay towards higher layers, waves of the second half towards lower layers. In each half running waves come first; the
+    others follow, the slowest decay first. An imaginary part is infinite where a motion reaches no other layer at a
+    frequency.
 
     Attributes
     ----------
@@ -61,7 +62,7 @@ class ComplexBands(Result):
 def find_complex_bands(
     network: ContactNetwork, frequencies: ArrayLike, axis: Any, q: ArrayLike, damping: Any, loss_factor: Any
 ) -> ComplexBands:
-    """Find the complex bands of a network; the arguments are those of :meth:`Phonons.complex_bands`."""
+    """Find the complex bands of a network; for the arguments see :meth:`Phonons.complex_bands`."""
     at = finite_array("frequencies", frequencies, "Hz", "above zero")
     if at.ndim != 1 or not at.size:
         raise InputError(f"frequencies have the shape {at.shape}", mend="Give (n,) in Hz")

@@ -39,6 +39,8 @@ from granphon.phonons.phonopy_bridge import ContactPhonopy, write_phonopy
 
 Array = NDArray[np.float64]
 
+#: balls of a cell up to which gaps are sought on the full mesh
+_FEW_BALLS = 16
 #: greatest number of points of a mesh: phonopy's tables of more do not fit into memory
 _MOST_MESH_POINTS = 1e9
 #: number of mesh points whose eigenvectors are held in memory at a time
@@ -69,8 +71,8 @@ class Phonons:
     Parameters
     ----------
     state : the state of the contacts, at one load; the state of a crystal, a sample, or a
-        :class:`~granphon.ContactNetwork`, that repeats along one axis or more. Its cell is that of the network: a ribbon has
-        the bands of one period, and bodies that do not move, such as walls, hold the balls and have no motions.
+        :class:`~granphon.ContactNetwork`, that repeats along one axis or more. The cell is the network: a ribbon has bands
+        along its one period. Bodies that do not move, such as walls, hold the balls and have no motions.
     atoms : another cell of the same balls (a supercell, other masses, a defect) of a packing, in the reduced units of the
         state; by default one cell of the lattice.
     dim : numbers of cells of the supercell for force constants, one for each period, such as (n1, n2), or (n1, n2, 1); by
@@ -78,7 +80,7 @@ class Phonons:
 
     Attributes
     ----------
-    state, atoms : the state (that of the network, if a network is given), and the cell of balls.
+    state, atoms : the state (of the network, if a network is given), and the cell of balls.
     scales : the length, stiffness and mass that convert reduced units to SI.
     lattice : the :class:`~granphon.ContactLattice` of the cell, whose C(q) gives frequencies and velocities.
     phonopy : the :class:`ContactPhonopy` object.
@@ -167,12 +169,12 @@ class Phonons:
     def phonopy(self) -> ContactPhonopy:
         """Phonopy object in reduced units (frequencies in (k/M)^1/2), with symmetry off.
 
-        Its force constants are those of the calculator. The documentation lists what may be done with it; methods that would
-        give a wrong answer raise :class:`~granphon.base.errors.UnsupportedError`.
+        The calculator makes its force constants. The documentation lists what may be done with it; methods that would give a
+        wrong answer raise :class:`~granphon.base.errors.UnsupportedError`.
 
         Up to three motions of a ball are the coordinates of one atom, (u_x, u_y, w) in the plane and (w_x, w_y, u_z) out of
-        it; those that hold no motion give flat branches at zero. Six motions are those of two atoms: "Fe" holds u, and "Sn",
-        a little aside, w. The eigenvector of the second has the phase of its own place, exp(i q.offset) less than the ball.
+        it. Coordinates without a motion give flat branches at zero. Six motions take two atoms: "Fe" holds u, and "Sn", a
+        little aside, w. The eigenvector of the second has the phase of its own place, exp(i q.offset) less than the ball.
         """
         cell, spread, motions = np.array(self.atoms.cell), np.ptp(self.atoms.positions, axis=0), self.lattice.motions
         periods = np.arange(3) < self._periods
@@ -235,11 +237,11 @@ class Phonons:
         Parameters
         ----------
         qpoints : (n_q, p) or (n_q, 3) fractions of the reciprocal cell.
-        damping : s, viscosity over stiffness, a number or one for each contact of the network of the state; or a tuple of
-            that of normal motion and of all other, as for :meth:`gp.Waves.response`.
+        damping : s, viscosity over stiffness, a number or one for each contact of the network; or a tuple of two, for normal
+            motion and for all other, as in :meth:`gp.Waves.response`.
         loss_factor : eta of the complex stiffness k (1 + i eta), a number or one for each contact, or a tuple of two.
 
-        Raises :class:`~granphon.base.errors.InputError` for a damping below zero, and for another cell than that of the
+        Raises :class:`~granphon.base.errors.InputError` for a damping below zero, and for a cell that is not the cell of the
         state; :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
         """
         points, network, top = (
@@ -324,7 +326,7 @@ class Phonons:
     def complex_bands(
         self, frequencies: ArrayLike, axis: Any = 0, q: ArrayLike = (), *, damping: Any = 0.0, loss_factor: Any = 0.0
     ) -> ComplexBands:
-        """Return all wave numbers across the layers at given frequencies, those of waves that decay included.
+        """Return all wave numbers across the layers at given frequencies, also of waves that decay.
 
         Parameters
         ----------
@@ -332,7 +334,7 @@ class Phonons:
         axis : across the layers, as for :meth:`ContactNetwork.cut`; of a packing or network, not of other ``atoms``.
         q : (p - 1,) wave vector along the layers, in fractions of their reciprocal cell; zero by default.
         damping, loss_factor : viscosity of contacts over their stiffness, s, and part of the stiffness that loses energy at
-            any frequency, as in :meth:`Waves.response`: numbers, or tuples of those of normal and of all other motion.
+            any frequency, as in :meth:`Waves.response`: numbers, or tuples of two, for normal and for all other motion.
 
         Raises :class:`~granphon.base.errors.PrecisionError` for a frequency at the very edge of a band.
         """
@@ -417,9 +419,12 @@ class Phonons:
 
         Parameters
         ----------
-        mesh : numbers of wave vectors along each period, from Gamma; by default 256, 48 x 48, or 16 x 16 x 16.
+        mesh : numbers of wave vectors along each period, from Gamma; by default 256, 48 x 48, or 16 x 16 x 16. The zone of a
+            cell of more than 16 balls is small: its mesh has 4 over the number of balls of these points, at least two a row.
         """
-        p, given = self._periods, _GAP_MESHES[self._periods - 1] if mesh is None else mesh
+        p, n = self._periods, self.lattice.n_balls
+        finer = (n / 4.0) ** (1.0 / p) if n > _FEW_BALLS else 1.0
+        given = [max(2, round(one / finer)) for one in _GAP_MESHES[p - 1]] if mesh is None else mesh
         numbers = grid_numbers("mesh", given, 1, LARGEST_COUNT, " ".join(map(str, _pad((48,) * p))), p)
         axes = [np.arange(number) / number for number in numbers]
         axes[0] = axes[0][: numbers[0] // 2 + 1]  # q and -q have the same frequencies

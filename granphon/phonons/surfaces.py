@@ -125,10 +125,10 @@ class Surface:
     Attributes
     ----------
     network : the network of the crystal. Contacts at the edge have its stiffnesses.
-    half_space : the same in reduced units, of which everything is found.
+    half_space : the half space in reduced units, from which all results are computed.
 
-    Wave vectors are (n_q, p - 1), or (n_q, 3), in fractions of the reciprocal cell of a layer, which is that of
-    ``network.cut(axis, layers)``; (n_q, 0) at the end of a chain, for which they may be left out.
+    Wave vectors are (n_q, p - 1), or (n_q, 3), in fractions of the reciprocal cell of ``network.cut(axis, layers)``; (n_q,
+    0) at the end of a chain, for which they may be left out.
 
     Raises
     ------
@@ -169,9 +169,9 @@ class Surface:
     def path(self, npoints: int = 31) -> tuple[Array, Array, Array, tuple[str, ...]]:
         """Return the path from corner to corner of the zone of a layer, ``npoints`` in each segment.
 
-        It is that of the bands of a cut. These are wave vectors (n_q, 3) in fractions of the reciprocal cell, each corner
-        once; distances (n_q,) along the path over 2 pi, 1/d; the distances (c,) and the names of the corners. At the end of
-        a chain there is one wave vector, and no corner.
+        It is the path of the bands of a cut. These are wave vectors (n_q, 3) in fractions of the reciprocal cell, each
+        corner once; distances (n_q,) along the path over 2 pi, 1/d; the distances (c,) and the names of the corners. At the
+        end of a chain there is one wave vector, and no corner.
         """
         cell, p = self.half_space.layers.cell, len(self.cell)
         if not p:
@@ -205,8 +205,8 @@ class Surface:
         q : wave vectors.
         frequencies : (n_f,) Hz, zero or above.
         damping : full width at half maximum of an undamped wave's line, Hz, by default the largest step of the frequencies.
-            It is that of a force of each mass -M gamma v, gamma = 2 pi times the damping: then all lines have the integral
-            1 over positive frequencies, (2 omega/pi) times the imaginary part of -G(omega^2 + i gamma omega).
+            Each mass M feels the drag -M gamma v, with gamma = 2 pi times the damping. The spectrum is (2 omega/pi) times
+            the imaginary part of -G(omega^2 + i gamma omega); each line has the integral 1 over positive frequencies.
         """
         (fractions, points), half, unit = self._read(q), self.half_space, self._frequency
         at = finite_array("frequencies", frequencies, low="zero or above")
@@ -288,8 +288,8 @@ class Surface:
     def zak_phase(self, q: ArrayLike | None = None, below: int = 1) -> Array:
         """Return the Zak phase (n_q,), rad, 0 to 2 pi, at q (n_q, p - 1), of the branches above the ``below`` lowest ones.
 
-        Across a free edge it is that of the deformations of contacts, else that of the motions of balls. Where symmetry
-        leaves but 0 and pi, pi means a wave of the edge in the gap above the ``below`` lowest branches, which must be open.
+        At a free edge it is the phase of the deformations of contacts, else of the motions of balls. Where symmetry leaves
+        but 0 and pi, pi means a wave of the edge in the gap above the ``below`` lowest branches, which must be open.
         """
         half = self.half_space
         low = whole_number("below", below, 1, half.size - 1)

@@ -85,7 +85,7 @@ def sweep(
 
     Parameters
     ----------
-    packing : the packing whose parameters are varied; those that are not swept keep its values. Or a crystal.
+    packing : the packing whose parameters are varied; a parameter that is not swept keeps its value. Or a crystal.
     force, pressure, overlap : the loads; one of the three, a number or a list of any order. A force is in N, an overlap in
         m, a pressure in N on a line, N/m in the plane and Pa in space.
     load : the loads, in place of these; such as the stresses or strains of a crystal, or its pressure and gravity.

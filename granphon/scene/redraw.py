@@ -101,10 +101,10 @@ def redraw(
 
             return plot(read_waves(kept_in[wave]))
         if fitted and not swept:
-            from granphon.figures.curves import fit_figure
-            from granphon.fits.fit import WidthFit
+            from granphon.figures.plot import plot
+            from granphon.fits.transfer import read_fit
 
-            return fit_figure(WidthFit.from_dict(read_yaml(have["fit.yaml"])))
+            return plot(read_fit(read_yaml(have["fit.yaml"])))
         found = _read_files(str(source), have)
         if found.dataset is not None:
             return draw_sweep(found.dataset, target.name, variable)
@@ -210,9 +210,9 @@ def _read_files(name: str, have: dict[str, Path]) -> Run:
     from granphon.figures.curves import Run
 
     if "fit.yaml" in have and "sweep.nc" not in have:
-        from granphon.fits.fit import WidthFit
+        from granphon.fits.transfer import read_fit
 
-        return Run.of(name, WidthFit.from_dict(read_yaml(have["fit.yaml"])))
+        return Run.of(name, read_fit(read_yaml(have["fit.yaml"])))
     dataset = bands = dos = None
     if "sweep.nc" in have:
         from granphon.runs.dataset import load_sweep
@@ -258,7 +258,7 @@ def _name_kind(path: Path) -> str:
         return "sweep.nc"
     if path.suffix == ".csv" and head.startswith(b"frequency_Hz"):  # other tables are for spreadsheets
         return "dos.csv"
-    if path.suffix == ".yaml" and b"class: WidthFit" in head:
+    if path.suffix == ".yaml" and (b"class: WidthFit" in head or b"class: DampingFit" in head):
         return "fit.yaml"
     if path.suffix == ".yaml" and b"\nphonon:" in head:
         return "band.yaml"

@@ -614,13 +614,14 @@ def tradeoff(
     friction_history, friction_coefficient, shear_response : whether media are judged by arrays loaded with friction, and
         how, as of a :class:`~granphon.DirectSimulation`; by default by arrays at rest without friction.
     budget : time that measuring may take, s. What does not fit is listed as not run.
-    most_loads : largest number of loads; of more than that the least, the greatest, and some between are taken. If it is
-        one, the least is taken, where media differ most.
+    most_loads : largest number of loads; of more loads the smallest, the largest and some between are taken. One means the
+        smallest load, where media differ most.
     runs : how often each point is timed, five or more.
     progress : is told what is under way.
     stopwatch : measures all times; give a subclass of :class:`~granphon.tradeoffs.measure.Stopwatch` to count work instead
         of seconds.
-    executor : does the study, a task that measures time where it runs. Times are those of a machine that does nothing else.
+    executor : does the study, a task that measures time where it runs. Times are meaningful on a machine that does nothing
+        else.
     store : where the finished study is kept. One that it holds of the same trade-off is used; the caller clears it.
 
     Returns

@@ -131,7 +131,7 @@ class SpectralDensity(Refinable):
         return float(self._kernel.integral(self.total))
 
     def with_vectors(self, vectors: int) -> SpectralDensity:
-        """Return the density by this number of random vectors; those that have been used are not used again.
+        """Return the density from this number of random vectors; work done for earlier vectors is kept.
 
         It is the same, bit for bit, as one that is found with that number at once; without random vectors it is this one.
         Raises :class:`~granphon.base.errors.InputError` if this result was read from data.

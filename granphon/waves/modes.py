@@ -460,9 +460,9 @@ class NetworkModes(Result):
     displacements : number of the motions that are displacements: the others are rotations.
     moving : number of the balls that move.
     zero_modes : number of modes of the network that cost no energy, at or below 1e-6 of the top frequency: of the whole at
-        rest, of balls that nothing holds, of mechanisms. They are not among the modes. None if they were not counted,
-        which is so in a network too large to be factorised, unless the lowest modes are asked for and balls held by contacts
-        have few of them, about 48 or less.
+        rest, of balls that nothing holds, of mechanisms. They are not among the modes. None if they were not counted: in a
+        network too large to be factorised, unless the lowest modes are requested and held balls have about 48 zero modes or
+        fewer.
     residual : largest ``|D x - omega^2 x|`` / top^2 of a mode x.
     network : the network whose modes these are.
     """

@@ -378,7 +378,7 @@ class Pulse(Result):
         how sure the velocity is if its error is above 3 percent.
     echo : m, how much longer the way of the first echo from an end is than the distance, or the way round a periodic network
         in the other direction.
-    fastest : (2,) m/s, bounds of the velocity of long waves: of those of this polarisation, and of all.
+    fastest : (2,) m/s, upper bounds of the velocity of long waves: of this polarisation, and of all.
     """
 
     units = {
@@ -429,7 +429,7 @@ class Pulse(Result):
 
     @cached_property
     def speckle(self) -> Array:
-        """(n_r, n_t) what is left of the signal of each ball without the coherent part, m/s."""
+        """(n_r, n_t) signal of each ball minus the coherent signal, m/s."""
         return read_only(self.signals - self.coherent)
 
     @cached_property
@@ -464,11 +464,11 @@ class Pulse(Result):
 
         Parameters
         ----------
-        method : "envelope": from the maximum of the envelope of the burst to that of the signal, whose first maximum counts
-            that has half the height of the greatest. "first": between the times at which the two envelopes first have the
-            part ``threshold`` of that maximum. "correlation": the shift at which the cross-correlation of the signal and the
-            burst is greatest; it follows single waves under the envelope, so for long pulses it tells the phase, up to whole
-            periods.
+        method : "envelope": from the maximum of the envelope of the burst to the first maximum of the envelope of the signal
+            that has at least half of the greatest height. "first": between the times at which the two envelopes first have
+            the part ``threshold`` of that maximum. "correlation": the shift at which the cross-correlation of the signal and
+            the burst is greatest; it follows single waves under the envelope, so for long pulses it tells the phase, up to
+            whole periods.
         threshold : for "first".
 
         Raises :class:`~granphon.base.errors.InputError` for an unknown method, and a threshold that is not between 0 and 1.
@@ -556,9 +556,9 @@ class Pulse(Result):
     def time_of_flight(self) -> float:
         """Time of flight by the envelope of the coherent signal, s.
 
-        It is nan, and :attr:`warnings` say why, if the record ends before the pulse is over; if an echo may come before the
-        pulse is at its height; if the velocity would be above that of the fastest wave; and if what arrives are other
-        frequencies of the burst than its own, as in a gap.
+        It is nan, and :attr:`warnings` say why, in four cases: the record ends before the pulse is over; an echo may come
+        before the maximum of the pulse; the velocity would be above the fastest wave; other frequencies than that of the
+        burst arrive, as in a gap.
         """
         return self._flight[0]
 
@@ -698,7 +698,7 @@ class Route:
     def of(cls, network: ContactNetwork, wanted: PulseSource, margin: float = 1.0) -> Self:
         """Find the route; raises what :meth:`~granphon.waves.waves.Waves.transmit` raises, but for the frequency.
 
-        Waves may be faster by the factor ``margin`` than those of this network.
+        Waves may be faster than in this network by the factor ``margin``.
         """
         hertz, length = positive("frequency", wanted.frequency, "Hz"), positive("distance", wanted.distance, "m")
         burst = ToneBurst(hertz, positive("cycles", wanted.cycles))

@@ -177,7 +177,14 @@ def read_frequencies(given: ArrayLike) -> Array:
 
 
 class Peaks(NamedTuple):
-    """Peaks of a magnitude over frequency: frequencies (n,) Hz, heights (n,) and Q factors (n,), nan if not resolved."""
+    """Peaks of a magnitude over frequency.
+
+    Attributes
+    ----------
+    frequencies : (n,) Hz.
+    heights : (n,) magnitude at the peaks, in the unit of the response.
+    quality : (n,) Q factors, a ratio without a unit; nan if the peak is not resolved.
+    """
 
     frequencies: Array
     heights: Array
@@ -448,24 +455,25 @@ class _Problem:
 
     def _factorise(self, omega: Array) -> tuple[Complex, Array]:
         """Return values (n_f, n_r) and errors (n_f,) by factors of Z at each frequency."""
-        from scipy.sparse import eye_array
+        from scipy.sparse import csc_array, eye_array
 
         operator, squared = self.operator, self.operator.top**2
-        # reduced by top^2; the order of the motions is that of least fill
-        weights, unit = (self.damping.losses, self.damping.times), eye_array(operator.size)
-        parts: list[Any] = [operator.matrix, *(operator.weigh(one) if np.any(one) else None for one in weights)]
-        place = factorise(parts[0] / squared + unit).perm_c
+        # reduced by top^2; the order of the motions is that of least fill; all parts have entries at the same places
+        losses, times = ((operator.weigh(one) if np.any(one) else None) for one in (self.damping.losses, self.damping.times))
+        place = factorise(operator.matrix / squared + eye_array(operator.size)).perm_c
         order = np.argsort(place)
-        static, lost, dashed = (None if one is None else (one[order][:, order] / squared).tocsc() for one in parts)
+        given: list[Any] = [operator.matrix, losses, times, squared * eye_array(operator.size, format="csr")]
+        parts = [None if one is None else (one / squared)[order][:, order].tocsc().sorted_indices() for one in given]
+        shape: Any = sum(abs(one).astype(bool) for one in parts if one is not None).tocsc().sorted_indices()
+        entries = [None if one is None else _spread(one, shape) for one in parts]
         drives = [one[order] / squared for one in self.drives]
         values, error = np.zeros((omega.size, len(self.heard)), complex), np.zeros(omega.size)
         for row, w in enumerate(omega.tolist()):
-            matrix, drive = static - w**2 / squared * unit, drives[0]
-            if not self.damping.is_none:
-                for part, more, factor in ((lost, drives[1], 1j), (dashed, drives[2], 1j * w)):
-                    if part is not None and factor:
-                        matrix, drive = matrix + factor * part, drive + factor * more
-            matrix = matrix.tocsc()
+            data, drive = entries[0] - w**2 / squared * entries[3], drives[0]
+            for part, more, factor in ((entries[1], drives[1], 1j), (entries[2], drives[2], 1j * w)):
+                if part is not None and factor:
+                    data, drive = data + factor * part, drive + factor * more
+            matrix = csc_array((data, shape.indices, shape.indptr), shape=shape.shape)
             drive, x, found = drive.astype(matrix.dtype), np.zeros(operator.size, matrix.dtype), values[row]
             try:
                 factors = factorise(matrix, pivot=PIVOT, order="NATURAL")
@@ -540,6 +548,16 @@ class _Problem:
             before, current = current, following / across
         error[left] = np.inf
         return values, error, step
+
+
+def _spread(part: Any, shape: Any) -> NDArray[Any]:
+    """Return the entries of a matrix at the places of another, which has all of its places; both in columns, sorted."""
+    own, every = (
+        np.repeat(np.arange(one.shape[1]), np.diff(one.indptr)) * one.shape[0] + one.indices for one in (part, shape)
+    )
+    entries = np.zeros(every.size, part.dtype)
+    entries[np.searchsorted(every, own)] = part.data
+    return entries
 
 
 def _invert(values: NDArray[Any]) -> NDArray[Any]:

@@ -330,10 +330,10 @@ class SpectralFunction(Refinable):
     values : (n, n_f) 1/Hz; the integral over frequencies is 1.
     top : bound of all frequencies, Hz, on which the polynomials are made.
     moments : number of Chebyshev moments.
-    shortest : (n, d) the shortest wave vectors, 1/m, in whose waves all balls of the lattice move as in those of q. They
-        differ from q by reciprocal vectors G with exp(i G . t) = 1 for the steps t between all balls of a cell. With one
-        ball in a cell these are all G, and the shortest lie in the first zone. None where the network has no lattice, and
-        where the sites of the lattice are no multiples of a 24th, or of a larger part, of its vectors.
+    shortest : (n, d) the shortest wave vectors, 1/m, for which all balls of the lattice move as for q. They differ from q by
+        reciprocal vectors G with exp(i G . t) = 1 for the steps t between all balls of a cell. With one ball in a cell these
+        are all G, and the shortest lie in the first zone. None where the network has no lattice, and where the sites of the
+        lattice are no multiples of a 24th, or of a larger part, of its vectors.
     warnings : one sentence for each limit of the contact law that the network exceeds.
     """
 
@@ -373,11 +373,11 @@ class SpectralFunction(Refinable):
 
     @cached_property
     def width(self) -> Array:
-        """(n,) full width at half maximum of the highest line, Hz, without that of the kernel.
+        """(n,) full width at half maximum of the highest line, Hz, without the width of the kernel.
 
         The kernel's part is taken off as from a Lorentz curve that the kernel has broadened; a line that is not wider than
-        the kernel has the width zero. See :attr:`resolved`. Where the line falls to half its height on one side alone, the
-        width is twice the half width of that side.
+        the kernel has the width zero. See :attr:`resolved`. If the line falls to half its height on one side only, the width
+        is twice the half width of this side.
         """
         return true_width(self._lines[1], self._kernel_width)
 
@@ -388,7 +388,7 @@ class SpectralFunction(Refinable):
 
     @property
     def wavenumber(self) -> Array:
-        """(n,) ``|q|``, 1/m; that of :attr:`shortest`, where there is one, as all balls move as in that wave."""
+        """(n,) length of the wave vector, 1/m: of :attr:`shortest` where it exists, else of ``q``."""
         return np.asarray(np.linalg.norm(self.q if self.shortest is None else self.shortest, axis=1))
 
     @property

@@ -254,6 +254,8 @@ def every(packing, results):
     longer = gp.transmission(surface.network, surface.network.cut(1, 4), surface.network, [1e3, 2e3], axis=1)
     found += [runs[0], gp.scattering_lengths([*runs, longer, longer])]
     still = gp.Waves(strip)
+    transfer = gp.TransferFunction([2e3, 5e3, 7e3], [1e-8, 2e-8, 1e-8], None, [1e-9, 1e-9, 1e-9])
+    found += [transfer, gp.fit_damping(strip, transfer, (0, "y"), "plane", direction=(0, 1), polarisation=(0, 1))]
     found += [
         still.response([1e3, 2e3], (0, "x"), (1, "x"), 1e-6),
         still.local_dos(0, [1e3]),

@@ -172,6 +172,27 @@ def rock_salt(k, kappa, masses):
 # -- what is refused ----------------------------------------------------------------------------------------------------
 
 
+def test_a_mass_on_a_spring_in_each_ball_opens_a_gap():
+    """(4 k sin^2(q/2)/m + k_r/m - w^2)(k_r/m_r - w^2) = k_r^2/(m m_r): a gap from about k_r/m_r to k_r (1/m + 1/m_r)."""
+    k, spring, m, mass, none = 1e7, 2e4, 2e-3, 1e-3, np.zeros(2)
+    network = gp.ContactNetwork(
+        cell=np.diag([8e-3, 0, 0]), pbc=(True, False, False), dimension=1, motions="longitudinal",
+        positions=[[0, 0, 0], [1e-3, 0, 0]], radii=[4e-3, 1e-3], masses=[m, mass], inertias=[1e-8, 1e-10],
+        i=[0, 0], j=[0, 1], shift=[[1, 0, 0], [0, 0, 0]], normal=[[1, 0, 0], [1, 0, 0]], normal_force=[10.0, 0.0],
+        normal_stiffness=[k, spring], shear_stiffness=none, torsion_stiffness=none, bending_stiffness=none,
+        arm_i=[4e-3, 5e-4], arm_j=[4e-3, 5e-4],
+    )  # fmt: skip
+    phonons, at = gp.Phonons(network), np.linspace(0.0, 0.5, 11)
+    total, inner = 4 * k * np.sin(np.pi * at) ** 2 / m + spring / m, spring / mass
+    half = 0.5 * (total + inner)
+    upper = half + np.sqrt((0.5 * (total - inner)) ** 2 + inner * spring / m)
+    wanted = np.sqrt(np.stack([(total - spring / m) * inner / upper, upper], axis=1)) / (2 * np.pi)
+    assert_allclose(phonons.frequencies(at[:, None]), wanted, rtol=1e-11, atol=1e-9)
+    ends = np.sqrt([inner, inner + spring / m]) / (2 * np.pi)
+    assert_allclose(phonons.gaps(), [ends], rtol=1e-3)
+    assert_allclose(phonons.gaps()[0, 1], ends[1], rtol=1e-12)
+
+
 @pytest.mark.parametrize("force", [0.5, 0.05])
 def test_loose_balls_are_set_aside(force):
     """Balls without a load, and rows of two that roll between others, are in no modulus, and stay behind in sound."""

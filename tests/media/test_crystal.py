@@ -633,6 +633,30 @@ def test_a_column_carries_its_weight(follows):
         column.at_force(1e-6, gravity=-G)
 
 
+def test_gravity_may_be_an_array_that_is_broadcast_with_the_loads():
+    column = gp.Crystal.on("chain", [PLAIN]).cut(0, 20, ("floor", "free"))
+    weight = 20 * PLAIN.mass * np.array([G, 1.62])
+    assert_allclose(column.at_pressure(0.0, gravity=[-G, -1.62]).normal_force[:, -1], weight, rtol=1e-12)
+    both = column.at_pressure([[1.0], [2.0]], gravity=[-G, -1.62])
+    assert_allclose(both.normal_force[..., -1], np.add.outer([1.0, 2.0], weight), rtol=1e-12)
+    assert_allclose(column.at_force([3.0, 4.0], gravity=-G).normal_force.mean(axis=1), [3.0, 4.0], rtol=1e-12)
+    wall = gp.Crystal.on("triangular", [PLAIN]).cut(1, 5, ("floor", "free"))
+    fields = np.array([[0.0, -G], [0.0, -1.62]])
+    stressed = wall.at_stress([-1.0], gravity=fields)
+    strained = wall.at_strain([[-1e-5], [-2e-5]], gravity=fields)
+    for number, field in enumerate(fields):
+        assert_allclose(stressed[number].normal_force, wall.at_stress([-1.0], gravity=field).normal_force, rtol=1e-12)
+        one = wall.at_strain([(-1e-5, -2e-5)[number]], gravity=field)
+        assert_allclose(strained[number].normal_force, one.normal_force, rtol=1e-12)
+    for make, told in (
+        (lambda: wall.at_pressure([1.0, 2.0, 3.0], gravity=fields), r"shape \(2, 2\), and the loads \(3,\)"),
+        (lambda: wall.at_pressure([0.0, 1.0], gravity=[[0.0, 0.0], [0.0, -1.0]]), "pressure is zero"),
+        (lambda: wall.at_pressure(0.0, gravity=[[0.0, -G], [1.0, 0.0]]), "acts along x.*repeats"),
+    ):
+        with pytest.raises(InputError, match=told):
+            make()
+
+
 def test_modes_of_a_column_are_those_of_a_bessel_function():
     """The lowest modes of N balls are (5/6) j_n N^(-5/6) (3 g/2 delta_1)^(1/2), with the overlap delta_1 under one weight.
 

@@ -1,0 +1,253 @@
+"""Fits of damping to transfer functions: synthetic data, the closed form of a chain fitted by SciPy, and bad tables."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.optimize import curve_fit
+
+import granphon as gp
+from granphon.base.errors import InputError
+from granphon.base.text import read_yaml
+from granphon.scene.redraw import redraw
+
+UNITS = gp.Units(8e-3, 3e6, 2e-3)
+OMEGA = UNITS.angular_frequency
+HERTZ = np.linspace(0.1, 2.2, 40) * OMEGA / (2.0 * math.pi)
+TAU, ETA, COUNT = 0.05 / OMEGA, 0.02, 6
+
+
+def chain(stiffer=1.0):
+    """A chain of six balls on a clamped one, ball 0."""
+    network = gp.ContactLattice.of("chain", 0.0).contact_network(UNITS).cut(0, COUNT + 1, ("clamped", "free"))
+    return replace(network, normal_stiffness=stiffer * network.normal_stiffness)
+
+
+def closed_form(tau, eta, stiffer=1.0, gain=1.0):
+    """u_N/u_0 = cos(t/2)/cos((N + 1/2) t), where omega^2 = 4 sin^2(t/2) of complex springs."""
+    omega = 2.0 * math.pi * HERTZ / OMEGA
+    t = 2.0 * np.arcsin(omega / 2.0 / np.sqrt(stiffer * (1.0 + 1j * (eta + omega * tau * OMEGA))))
+    return gain * np.cos(t / 2.0) / np.cos((COUNT + 0.5) * t)
+
+
+def measure(values, part=0.02, seed=0):
+    rng = np.random.default_rng(seed)
+    noise = rng.normal(size=(2, values.size)) * part
+    return values * (1.0 + noise[0]) * np.exp(1j * noise[1])
+
+
+def fit(measured, network=None, **more):
+    wall = {"quantity": "transmissibility"} | more
+    return gp.fit_damping(network or chain(), measured, (0, "x"), (COUNT, "x"), **wall)
+
+
+@pytest.mark.claim("fit-damping")
+@pytest.mark.parametrize("known", ["magnitude and phase", "magnitude"])
+def test_fit_is_that_of_scipy_to_the_closed_form(known):
+    data, phase = measure(closed_form(TAU, ETA)), known != "magnitude"
+    size = np.abs(data)
+    found = fit(
+        gp.TransferFunction(HERTZ, size, np.angle(data) if phase else None, 0.02 * size),
+        parameters=("damping", "loss_factor"),
+    )
+
+    def model(_, tau, eta):
+        values = closed_form(tau * TAU, eta * ETA)
+        return np.concatenate([np.abs(values) / size, np.angle(values / data)][: 1 + phase])
+
+    wanted = np.concatenate([np.ones(size.size), np.zeros(size.size)][: 1 + phase])
+    best, covariance = curve_fit(model, None, wanted, (1.0, 1.0), 0.02 * np.ones(wanted.size), absolute_sigma=True)
+    unit = np.array([TAU, ETA])
+    assert_allclose(found.values, best * unit, rtol=1e-6)
+    assert_allclose(found.covariance, covariance * np.outer(unit, unit), rtol=1e-3)
+    assert np.all(np.abs(found.values - unit) < 3.0 * found.stderrs)
+    assert found.chi2 == pytest.approx(np.sum((model(None, *best) - wanted) ** 2) / 0.02**2)
+    assert found.dof == wanted.size - 2
+    assert 1e-3 < found.p < 1.0 - 1e-3
+    assert not found.warnings
+    assert_allclose(found.damping, found.values[0])
+    assert_allclose(found.magnitude, np.abs(closed_form(*found.values)), rtol=1e-9)
+    assert_allclose(np.exp(1j * found.phase), np.exp(1j * np.angle(closed_form(*found.values))), rtol=1e-9)
+
+
+def test_stiffness_load_and_gain_are_found_with_the_damping_and_errors_follow_from_the_scatter():
+    truth = {"damping": TAU, "stiffness": 1.2, "gain": 3.0}
+    data = measure(closed_form(TAU, 0.0, 1.2, 3.0))
+    # a viscosity over a stiffness that is larger: the same time
+    found = fit(gp.TransferFunction(HERTZ, np.abs(data), np.angle(data)), parameters=tuple(truth))
+    assert np.all(np.abs(found.values - list(truth.values())) < 3.5 * found.stderrs)
+    assert np.all(found.stderrs < 0.05 * found.values)
+    assert_allclose(found.measured.phase_sigma, 0.02, rtol=0.3)
+    assert math.isnan(found.p)
+    assert found.chi2 == found.dof
+    loaded = fit(gp.TransferFunction(HERTZ, np.abs(data) / 3.0, np.angle(data)), parameters=("damping", "load"))
+    assert loaded.values[1] == pytest.approx(found.values[1] ** 3, rel=0.01)
+    assert gp.DampingFit.from_dict(found.to_dict()) == found
+
+
+def test_damping_of_normal_and_other_motion_are_told_apart_in_the_plane():
+    network = gp.ContactLattice.of("triangular", 0.7).contact_network(UNITS).repeat((2, 1)).cut(1, 3, ("clamped", "free"))
+    places, hertz = ((0, "x"), (3, "x")), np.linspace(0.1, 2.0, 30) * OMEGA / (2.0 * math.pi)
+    places = ((2, "x"), (5, "x"))
+    values = gp.Waves(network).response(hertz, *places, damping=(TAU, 3.0 * TAU)).values[:, 0]
+    found = gp.fit_damping(
+        network,
+        gp.TransferFunction(hertz[::-1], np.abs(values)[::-1]),
+        *places,
+        parameters=("damping", "tangential_damping"),
+    )
+    assert_allclose(found.damping, [TAU, 3.0 * TAU], rtol=1e-4)
+
+
+def test_what_does_not_matter_is_told(tmp_path):
+    data = measure(closed_form(TAU, 0.0))
+    found = fit(gp.TransferFunction(HERTZ, np.abs(data), np.angle(data)), parameters=("damping", "loss_factor"))
+    assert any("loss_factor" in one and "hardly be told from zero" in one for one in found.warnings)
+    wrong = fit(gp.TransferFunction(HERTZ, np.abs(data), np.angle(data), 1e-3 * np.abs(data)))
+    assert any("the model does not fit, or sigma is too small" in one for one in wrong.warnings)
+    found.write(tmp_path)
+    table = gp.TransferFunction.read(tmp_path / "fit.csv", quantity="transmissibility")
+    assert_allclose(table.magnitude, np.abs(data))
+    assert_allclose(table.phase_sigma, found.measured.phase_sigma)
+
+
+# -- tables -------------------------------------------------------------------------------------------------------------
+
+
+def read(tmp_path, text, **options):
+    path = tmp_path / "data.csv"
+    path.write_text(text, encoding="utf-8")
+    return gp.TransferFunction.read(path, **options)
+
+
+def test_table_with_units(tmp_path):
+    data = read(
+        tmp_path, "Frequency (kHz),H1 (um/N),phase (deg),sigma (%)\n2,5,-90,10\n1,4,0,5\n", columns={"magnitude": "H1"}
+    )
+    assert_allclose(data.frequencies, [2000.0, 1000.0])
+    assert_allclose(data.magnitude, [5e-6, 4e-6])
+    assert_allclose(data.phase, [-0.5 * math.pi, 0.0])
+    assert_allclose(data.sigma, [5e-7, 2e-7])
+    loud = read(tmp_path, "frequency (Hz),magnitude (dB),sigma (dB)\n2,20,1\n", quantity="transmissibility")
+    assert_allclose([loud.magnitude[0], loud.sigma[0]], [10.0, math.log(10.0) / 2.0])
+    plain = read(tmp_path, "frequency (Hz),magnitude\n2,20\n", quantity="transmissibility")
+    assert plain.magnitude.tolist() == [20.0]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("frequency (Hz),magnitud (m/N)\n1,2\n", "no column named 'magnitude'"),
+        ("frequency,magnitude (m/N)\n1,2\n", "has no unit"),
+        ("frequency (Hz),magnitude (mm)\n1,2\n", "mm"),
+        ("frequency (Hz),magnitude (m/N)\n1,x\n", "found 'x'"),
+        ("frequency (Hz),magnitude (m/N)\n1,-2\n", "magnitude: found '-2 m/N'"),
+        ("frequency (Hz),magnitude (m/N)\n0,2\n", "frequency: found '0 Hz'"),
+        ("frequency (Hz),magnitude (m/N),phase (s)\n1,2,3\n", "not in rad or deg"),
+        ("frequency (Hz),magnitude (m/N),phase (rad)\n1,2,nan\n", "phase"),
+        ("frequency (Hz),magnitude (m/N),phase (rad)\n1,2,up\n", "line 2, phase: found 'up'"),
+        ("frequency (Hz),magnitude (m/N),phase (rad),phase_sigma (rad)\n1,2,1,1\n", "no sigma of the magnitude"),
+        ("frequency (Hz),magnitude (m/N),sigma (m/N)\n1,2,0\n", "sigma"),
+        ("frequency (Hz),magnitude (m/N)\n", "no rows"),
+        ("", "is empty"),
+    ],
+)
+def test_bad_table_is_one_error(tmp_path, text, said):
+    with pytest.raises(InputError) as caught:
+        read(tmp_path, text)
+    assert said in str(caught.value)
+    assert "data.csv" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"parameters": ("dampin",)}, "Did you mean damping"),
+        ({"parameters": ()}, "one or more"),
+        ({"parameters": ("damping", "damping")}, "at most once"),
+        ({"parameters": ("stiffness", "load")}, "cannot tell stiffness and load apart"),
+        ({"damping": -1.0, "parameters": ("loss_factor",)}, "damping: found -1"),
+        ({"measured": [1.0]}, "no transfer function"),
+        ({"measured": gp.TransferFunction([100.0], [1.0])}, "one more is needed"),
+    ],
+)
+def test_bad_input_is_one_error(arguments, said):
+    data = closed_form(TAU, ETA)
+    given = {"measured": gp.TransferFunction(HERTZ, np.abs(data), np.angle(data))} | arguments
+    with pytest.raises(InputError, match=said):
+        fit(given.pop("measured"), **given)
+    with pytest.raises(InputError, match="2 numbers of magnitude, and 1 frequencies"):
+        gp.TransferFunction([1.0], [1.0, 2.0])
+
+
+# -- the command --------------------------------------------------------------------------------------------------------
+
+SCENE = """schema: 1
+balls:
+  S: {material: {young_modulus: 193 GPa, poisson_ratio: 0.30, density: 8000 kg/m^3}, diameter: 19.05 mm}
+crystal: {lattice: chain}
+load: {force: 20 N}
+observe: [response]
+response:
+  frequencies: [1 kHz]
+  source: plane
+  receiver: 0 x
+  quantity: transmissibility
+  loss_factor: 0.01
+  cut: {axis: 0, layers: 6, edges: floor free}
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scene.yaml").write_text(SCENE, encoding="utf-8")
+    state = gp.Crystal.on("chain", [gp.Ball(gp.Material(193e9, 0.30, 8000.0), 19.05e-3)]).at_force(20.0)
+    hertz = np.linspace(400.0, 14000.0, 30)
+    values = gp.Waves(state.network.cut(0, 6, ("floor", "free"))).response(
+        hertz, "plane", (0, "x"), 2e-6, 0.01, quantity="transmissibility"
+    )
+    rows = zip(hertz, values.magnitude[:, 0], np.degrees(values.phase[:, 0]), strict=True)
+    text = "\n".join(["frequency (Hz),H,phase (deg),sigma (%)", *(f"{f},{m},{p},2" for f, m, p in rows)])
+    (tmp_path / "data.csv").write_text(text, encoding="utf-8")
+    return tmp_path
+
+
+def command(*words):
+    from granphon.cli.commands import main
+
+    return main(["fit", "scene.yaml", "data.csv", "--column", "magnitude=H", *words])
+
+
+def test_the_command_fits_the_response_of_a_scene(folder, capsys):
+    assert command("-o", "out") == 0
+    printed = capsys.readouterr().out
+    assert "damping               2.000 +/- " in printed
+    assert "30 magnitudes and phases, sigma given" in printed
+    fit = gp.DampingFit.from_dict(read_yaml(folder / "out" / "fit.yaml"))
+    assert_allclose(fit.damping, 2e-6, rtol=1e-6)
+    assert_allclose(fit.loss_factor, 0.01)
+    assert (folder / "out" / "fit.png").stat().st_size > 10_000
+    assert redraw(folder / "out", folder / "again.png").is_file()
+
+
+@pytest.mark.parametrize(
+    ("words", "change", "said"),
+    [
+        (["--sigma", "2 %"], {}, "--sigma is for velocities"),
+        (["--parameter", "young_modulus"], {}, "'young_modulus' cannot be fitted"),
+        ([], {"20 N": "[20 N, 30 N]"}, "has 2 states"),
+        ([], {SCENE[SCENE.index("observe") :]: ""}, "has no block response"),
+    ],
+)
+def test_the_command_refuses(folder, capsys, words, change, said):
+    text = SCENE
+    for old, new in change.items():
+        text = text.replace(old, new)
+    (folder / "scene.yaml").write_text(text, encoding="utf-8")
+    assert command(*words) == 2
+    assert said in capsys.readouterr().err
