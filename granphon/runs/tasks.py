@@ -382,7 +382,8 @@ class MediumTask:
         ]
         out = find_all(analysis, ("state",), swept=True)
         try:
-            if asked.sound or not state.is_held:  # a floor or clamp holds the balls, which long waves move
+            # a floor or clamp holds the balls, which long waves move
+            if asked.sound or (self.serving.packing.repeats and not state.is_held):
                 out |= find_all(analysis, ("velocities",), swept=True)
                 notes += warn_of_free_branches(state, analysis.velocities.velocities)
         except MechanismError as error:
@@ -435,7 +436,7 @@ class MediumTask:
 
         for index in range(self.load.size):
             try:
-                one = state if state.is_single else state[index]
+                one = state if state.is_single else getattr(state, "source", state)[index]  # a crystal knows its law
                 records.append(SampleRecord(of_waves=record_networks(one, self.asked.waves, whole)))
             except GranphonError as error:
                 if self.asked.alone:

@@ -115,7 +115,8 @@ class PlannedCase:
             with self.at_load(index, f"{self.case.label}: "):
                 serving.medium.of(self.case.packing).require(self.case.load[index])
                 if serving.is_quick:
-                    (self._find_state(index) if index else self.state).contact_lattice()
+                    state = self._find_state(index) if index else self.state
+                    _ = state.contact_lattice() if self.case.packing.repeats else state
         return True
 
     def require_start(self, most: float) -> float:
@@ -629,6 +630,9 @@ class Plan:
         for name, fails, found, allowed, mend in (
             ("velocities", self.packing.is_held, "of balls that are held", "bands, gaps, dos of these",
              "Long waves move all balls together, which a floor or clamp holds: write observe: [bands]."),
+            *((name, not self.packing.repeats, "of what repeats nowhere", f"{', '.join(NETWORK_BLOCKS)} of these",
+               f"Waves of this kind need a period: write observe: [{next(iter(NETWORK_BLOCKS))}].")
+              for name in ("velocities", "bands", "gaps", "dos", "surface")),
             ("gaps", not self.is_single, "of several states", "gaps of one state", "Observe bands."),
             ("surface", self.surface is None, "without an axis", "surface with a block 'surface'",
              "Add a block such as surface: {axis: 1}."),

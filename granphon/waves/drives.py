@@ -187,7 +187,8 @@ def _read_signal(value: Any, name: str, kind: Quantity, read: bool, folder: Path
         except InputError as error:
             raise Refused(show(value), f"a table with the columns time and {name}", str(error)) from None
     given = {"time": value.times, name: value.values} if isinstance(value, Signal) else value
-    rules: dict[str, Rule] = {one: partial(each, rule=_quantity(of, read), what="values") for one, of in (("time", SINCE), (name, kind))}
+    kinds = {"time": SINCE, name: kind}
+    rules: dict[str, Rule] = {one: partial(each, rule=_quantity(of, read), what="values") for one, of in kinds.items()}
     found = block(given, rules, ("time", name))
     return Signal(found["time"], found[name])
 

@@ -167,6 +167,29 @@ def test_crystals_move_by_their_own_law(tmp_path):
         assert motion == waves.run(5e-4, velocities=velocities)
 
 
+@pytest.mark.parametrize("edges", ["free", "clamped free"])
+def test_what_repeats_nowhere_moves_and_responds(edges, tmp_path):
+    """A chain that is cut in the crystal, under two loads, with the law of the crystal."""
+    text = CRYSTAL.replace("motions:", f"cut: {{axis: 0, layers: 5, edges: {edges}}}, motions:").replace(
+        "10 N", "[5 N, 10 N]"
+    )
+    text = text.replace("cut: {axis: 0, layers: 10}, drive: {balls: lower", "drive: {balls: upper")
+    text = text.replace("[motion]", "[motion, response]")
+    text += "response: {frequencies: [1 kHz, 2 kHz], source: 9 x, receiver: 4 x}\n"
+    one = scene(text, LAW="{power: {exponent: 2, coefficient: 1e12}}")
+    data = one.run(tmp_path).dataset
+    state = one.packing.crystal.at_force([5.0, 10.0])[1]
+    assert not any(state.network.pbc)
+    velocities = np.zeros((10, 3))
+    velocities[-1, 0] = 0.1
+    motion = gp.NonlinearWaves(state.network, gp.PowerLaw(2.0, 1e12)).run(5e-4, velocities=velocities)
+    assert_allclose(data["greatest_force"].values[1, 0], motion.forces.max(), rtol=1e-12)
+    response = gp.Waves(state.network).response([1e3, 2e3], [(9, "x")], [(4, "x")])
+    assert_allclose(data["receptance"].values[1, 0], np.abs(response.values), rtol=1e-12)
+    with pytest.raises(SceneError, match="'bands' of what repeats nowhere"):
+        scene(text.replace("[motion, response]", "[bands]"), LAW="hertz")
+
+
 def test_samples_of_a_simulation_move_and_are_averaged(tmp_path):
     text = PLANE.replace("repeat: 5 1\n  cut: {axis: 1, layers: 4, edges: floor free}", "cut: {axis: 1, layers: 1}")
     text = text.replace("diameter: 8 mm", "diameter: 8 mm, spread: {uniform: 1 um}")
