@@ -55,8 +55,8 @@ from granphon.base.text import plain_yaml
 from granphon.cli.commands import app
 from granphon.cli.commands import main as granphon
 from granphon.fits.fit import FIT_FILES
-from granphon.media.choice import MEDIA, OPTIONS
-from granphon.media.sampled_balls import DEFAULT_SHAPES
+from granphon.media.choice import MEDIA
+from granphon.media.simulation import DEFAULT_SHAPES
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE
 from granphon.runs.dataset import load_sweep
@@ -272,7 +272,7 @@ def medium_options() -> str:
             told(partial(one.rule, object())),
             _option_default(f"{name}.{key}", one.default),
         ]
-        for name, options in OPTIONS.items()
+        for name, options in ((name, medium.options) for name, medium in MEDIA.items())
         for key, one in options.items()
     ]
     return table(("medium", "option", "what it is", "allowed", "default"), rows)

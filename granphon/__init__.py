@@ -19,9 +19,14 @@ __all__ = ["__version__", *_HOME]
 
 
 def __getattr__(name: str) -> object:
+    if name == "observables":  # the package, for gp.observables.register
+        return import_module(".observables", __name__)
     if name not in _HOME:
         raise AttributeError(f"module 'granphon' has no attribute {name!r}")
-    globals()[name] = value = getattr(import_module(_HOME[name], __name__), name)
+    from granphon.base.errors import needing
+
+    with needing(f"granphon.{name}"):
+        globals()[name] = value = getattr(import_module(_HOME[name], __name__), name)
     return value
 
 

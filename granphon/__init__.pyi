@@ -17,6 +17,7 @@ from .balls.contact_laws import Hertz as Hertz
 from .balls.contact_laws import PairLaw as PairLaw
 from .balls.contact_laws import PowerLaw as PowerLaw
 from .balls.contact_laws import TabulatedLaw as TabulatedLaw
+from .balls.contact_laws import register_law as register_law
 from .balls.contact_table import ContactTable as ContactTable
 from .balls.diameters import Discrete as Discrete
 from .balls.diameters import Measured as Measured
@@ -26,6 +27,7 @@ from .balls.diameters import Uniform as Uniform
 from .balls.hertz import HertzLaw as HertzLaw
 from .balls.hertz import mindlin_reduction as mindlin_reduction
 from .balls.lattices import Lattice as Lattice
+from .balls.lattices import register_lattice as register_lattice
 from .balls.layers import Layers as Layers
 from .balls.loads import Load as Load
 from .balls.material import Material as Material
@@ -50,6 +52,7 @@ from .media.arrangement import Arrangement as Arrangement
 from .media.choice import AutoMedium as AutoMedium
 from .media.choice import MediumChoice as MediumChoice
 from .media.choice import ServingMedium as ServingMedium
+from .media.choice import register_medium as register_medium
 from .media.cluster import ClusterMedium as ClusterMedium
 from .media.cost import Cost as Cost
 from .media.crystal import Crystal as Crystal
@@ -59,6 +62,7 @@ from .media.limits import Check as Check
 from .media.mean_field import AveragedForce as AveragedForce
 from .media.mean_field import AveragedLattice as AveragedLattice
 from .media.mean_field import EffectiveMedium as EffectiveMedium
+from .media.mean_field import LawMedium as LawMedium
 from .media.medium import Medium as Medium
 from .media.simulation import DirectSimulation as DirectSimulation
 from .media.simulation import SampleLaw as SampleLaw
@@ -66,6 +70,10 @@ from .media.simulation import SimulatedState as SimulatedState
 from .media.state import ContactLaw as ContactLaw
 from .media.state import ContactState as ContactState
 from .networks.network import ContactNetwork as ContactNetwork
+from .networks.network import register_reader as register_reader
+from .observables.catalogue import Analysis as Analysis
+from .observables.catalogue import Observable as Observable
+from .observables.catalogue import register_observable as register_observable
 from .observables.validity import Validity as Validity
 from .observables.validity import validity as validity
 from .observables.velocities import AveragedModuli as AveragedModuli
@@ -76,6 +84,7 @@ from .observables.velocities import local_exponent as local_exponent
 from .observables.velocities import moduli as moduli
 from .observables.velocities import pulse_velocities as pulse_velocities
 from .observables.velocities import sound_velocities as sound_velocities
+from .phonons.ball_contacts import BallContacts as BallContacts
 from .phonons.bands import Bands as Bands
 from .phonons.bands import PhononModes as PhononModes
 from .phonons.calculator import HertzMindlin as HertzMindlin

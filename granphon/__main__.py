@@ -8,8 +8,14 @@ def main() -> int:
     """Run the command line and return its exit code; report an interruption even while the command is being imported."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        from granphon.cli.commands import main as command  # a slow import, which may be interrupted
+        from granphon.base.errors import MissingPackageError, needing
 
+        try:
+            with needing("The command granphon"):
+                from granphon.cli.commands import main as command  # a slow import, which may be interrupted
+        except MissingPackageError as error:
+            print(f"granphon: error: {error}", file=sys.stderr)
+            return 2
         code = command()
     except KeyboardInterrupt:
         print("granphon: error: interrupted.", file=sys.stderr)

@@ -297,7 +297,7 @@ class Softer(LawMedium):
 
     @property
     def law(self):
-        return self._law
+        return self.spread_law
 
     @property
     def _law(self):

@@ -13,8 +13,9 @@ adhesion w of the two surfaces, J/m^2.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -23,7 +24,9 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.ball import Body, ContactConstants
 from granphon.balls.hertz import HertzLaw
 from granphon.base.errors import InputError, brief
-from granphon.base.validation import not_negative, positive, real_array
+from granphon.base.quantities import ADHESION, LOADS, Quantity
+from granphon.base.registry import Registry
+from granphon.base.validation import Rule, above_zero, choice, not_negative, positive, real_array, real_number, require
 
 Array = NDArray[np.float64]
 #: overlaps, over the radius of a contact, at which a user's law is compared with its derivatives
@@ -551,3 +554,64 @@ def check_law(law: PairLaw, radius: float) -> None:
     if np.any(off):
         at = int(np.argmax(off))
         refuse(f"overlap(force(overlap)) of the contact law {name} is {back[at]:.6g} m", at)
+
+
+# -- laws that have a name ----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class NamedLaw:
+    """A contact law that has a name.
+
+    Attributes
+    ----------
+    law : the law, or a class of laws.
+    numbers : what the class is given, by name: a quantity, a tuple of it for a list, or the rule of a number without a unit.
+    """
+
+    law: Any
+    numbers: Mapping[str, Quantity | tuple[Quantity] | Rule]
+
+
+#: the laws by their names in scenes
+LAWS: Registry[NamedLaw] = Registry("contact law")
+LAWS.own("hertz", NamedLaw(Hertz, {}))
+LAWS.own("power", NamedLaw(PowerLaw, {"exponent": above_zero, "coefficient": above_zero}))
+LAWS.own("dmt", NamedLaw(DMT, {"adhesion": ADHESION}))
+LAWS.own("jkr", NamedLaw(JKR, {"adhesion": ADHESION}))
+_FORCE = replace(LOADS["force"], example="2 N", common="mN, N, kN", least="any")
+LAWS.own("tabulated", NamedLaw(TabulatedLaw, {"overlap": (LOADS["overlap"],), "force": (_FORCE,)}))
+
+
+def register_law(name: str, law: Any, **units: str) -> Any:
+    """Make a contact law known by a name: to ``Crystal(..., law=name)`` and to scenes.
+
+    Parameters
+    ----------
+    name : the name.
+    law : a law, with ``between(ball, ball)`` or the methods of a :class:`PairLaw`; or a class of laws that takes numbers.
+    units : the SI unit of each number that the class takes, which a scene gives as ``law: {name: {number: "5 N/m"}}``; ""
+        for a number without a unit. The law keeps each number in an attribute of the same name.
+
+    Returns ``law``. It is compared with its derivatives when a crystal has it. Raises :class:`InputError` for what is no
+    law, for units without a class, and for a name that is taken.
+    """
+    if not (callable(getattr(law, "between", None)) or all(callable(getattr(law, one, None)) for one in _METHODS)):
+        mend = f"Give it the method between(ball, ball), or {', '.join(_METHODS)}"
+        raise InputError(f"{brief(law)} is no contact law", mend=mend)
+    if units and not isinstance(law, type):
+        raise InputError(f"the contact law {name!r} is made already", mend="Give its class, or no units")
+    rules = {key: Quantity(key, unit, f"1 {unit}", unit, "any") if unit else real_number for key, unit in units.items()}
+    LAWS.add(name, NamedLaw(law, rules))
+    return law
+
+
+def find_law(law: Any) -> Any:
+    """Return the law of a name; what is no text is returned itself. Raises :class:`InputError` for a name without a law."""
+    if not isinstance(law, str):
+        return law
+    found = LAWS[require("law", partial(choice, options=LAWS), law)]
+    if found.numbers:
+        what = f"the contact law {law!r} has numbers: {', '.join(found.numbers)}"
+        raise InputError(what, mend=f"Give it as {found.law.__name__}({', '.join(found.numbers)})")
+    return found.law() if isinstance(found.law, type) else found.law

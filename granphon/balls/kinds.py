@@ -19,7 +19,11 @@ from granphon.base.validation import is_one_of
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 #: structures of two kinds of balls, beside the lattices that have a name
-STRUCTURES = ("NaCl", "CsCl", "zincblende")
+_FACES = LATTICES["fcc"].vectors / np.max(LATTICES["fcc"].vectors)
+STRUCTURES = {
+    name: Lattice(name, tuple(map(tuple, cell)), ((0.0, 0.0, 0.0), (0.5, 0.5, 0.5)))
+    for name, cell in (("NaCl", _FACES.tolist()), ("CsCl", (2.0 / math.sqrt(3.0) * np.eye(3)).tolist()))
+} | {"zincblende": Lattice("zincblende", LATTICES["diamond"].cell, LATTICES["diamond"].sites)}
 
 
 def list_balls(balls: Any) -> list[Any]:
@@ -76,16 +80,11 @@ def require_fit(balls: Sequence[Ball], cell: Array, name: str) -> None:
 
 
 def find_structure(name: str | Lattice) -> Lattice:
-    """Return the lattice of a name, that of NaCl, CsCl and zincblende among them."""
-    key = name.lower() if isinstance(name, str) else ""
-    edge = {"nacl": 2.0, "cscl": 2.0 / math.sqrt(3.0)}.get(key)
-    if edge is not None:
-        steps = LATTICES["fcc"].vectors / np.max(LATTICES["fcc"].vectors) * 0.5 if key == "nacl" else np.eye(3)
-        cell = tuple(map(tuple, (edge * steps).tolist()))
-        return Lattice({"nacl": "NaCl", "cscl": "CsCl"}[key], cell, ((0.0, 0.0, 0.0), (0.5, 0.5, 0.5)))
-    if key == "zincblende":
-        return Lattice("zincblende", LATTICES["diamond"].cell, LATTICES["diamond"].sites)
+    """Return the lattice of a name, in any case of letters, that of NaCl, CsCl and zincblende among them."""
+    known = {one.lower(): one for one in STRUCTURES}.get(name.lower()) if isinstance(name, str) else None
+    if known is not None:
+        return STRUCTURES[known]
     if isinstance(name, Lattice) or is_one_of(name, LATTICES):
         return find_lattice(name)
     mend = "Use " + ", ".join([*LATTICES, *STRUCTURES]) + ", or a granphon.Lattice"
-    raise InputError(f"unknown lattice {brief(name)}", mend=mend)
+    raise InputError(f"unknown lattice {brief(name)}", LATTICES.failures, mend)

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import TOUCH, ContactTable, find_contacts
 from granphon.base.errors import InputError, brief
+from granphon.base.registry import Registry
 from granphon.base.results import read_only, write_html
 from granphon.base.text import counted
 from granphon.base.validation import is_one_of, label, real_array, require
@@ -39,7 +40,7 @@ _UNITS = {
     "pressure": ("N", "N/m", "Pa"), "effective_density": ("kg/m", "kg/m^3", "kg/m^3"), "modulus": ("N", "Pa", "Pa"),
 }  # fmt: skip
 #: the lattices that have a name, by name; filled below
-LATTICES: dict[str, Lattice] = {}
+LATTICES: Registry[Lattice] = Registry("lattice")
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,7 @@ class Lattice:
                 "All contacts of equal balls under load carry the same force here",
                 "Use a lattice in which the directions of each ball's contacts add up to zero",
             )
-        if (known := LATTICES.get(self.name)) is not None and not self._repeats(known):
+        if (known := LATTICES.peek(self.name)) is not None and not self._repeats(known):
             raise InputError(
                 f"the lattice {self.name!r} has a cell or sites of its own",
                 f"There is a lattice of that name, with the cell {brief(known.vectors.round(6).tolist())} and"
@@ -245,9 +246,19 @@ HCP = Lattice(
     ((1.0 / 3.0, 2.0 / 3.0, 0.25), (2.0 / 3.0, 1.0 / 3.0, 0.75)),
 )  # fmt: skip
 DIAMOND = _cubic("diamond", 4.0 / math.sqrt(3.0), _FACES, ((0.0, 0.0, 0.0), (0.25, 0.25, 0.25)))
-LATTICES.update(
-    (lattice.name, lattice) for lattice in (CHAIN, TRIANGULAR, SQUARE, HONEYCOMB, KAGOME, SC, BCC, FCC, HCP, DIAMOND)
-)
+for _one in (CHAIN, TRIANGULAR, SQUARE, HONEYCOMB, KAGOME, SC, BCC, FCC, HCP, DIAMOND):
+    LATTICES.own(_one.name, _one)
+
+
+def register_lattice(lattice: Lattice) -> Lattice:
+    """Make a lattice known by its name: to :class:`~granphon.Packing`, ``Crystal.on``, sweeps and scenes.
+
+    Returns the ``lattice``; lengths in it are in spacings of touching balls. A crystal of n kinds of balls takes one whose
+    cell has a multiple of n sites. Raises :class:`InputError` for what is no :class:`Lattice`, and for a name that is taken.
+    """
+    if not isinstance(lattice, Lattice):
+        raise InputError(f"{brief(lattice)} is no lattice", mend="Give a granphon.Lattice")
+    return LATTICES.add(lattice.name, lattice)
 
 
 def find_lattice(lattice: str | Lattice) -> Lattice:
@@ -256,7 +267,8 @@ def find_lattice(lattice: str | Lattice) -> Lattice:
         return lattice
     if is_one_of(lattice, LATTICES):
         return LATTICES[lattice]
-    raise InputError(f"unknown lattice {brief(lattice)}", mend="Use " + ", ".join(LATTICES) + ", or a granphon.Lattice")
+    mend = "Use " + ", ".join(LATTICES) + ", or a granphon.Lattice"
+    raise InputError(f"unknown lattice {brief(lattice)}", LATTICES.failures, mend)
 
 
 def as_direction(direction: ArrayLike, dimension: int = 2) -> Array:

@@ -8,9 +8,13 @@ why it matters, and how to mend it.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from copy import copy
 from typing import Any, Self
 
+#: packages that are installed by another name than that by which they are imported
+_DISTRIBUTIONS = {"yaml": "PyYAML"}
 #: the least whole number that is too large for a float: smaller ones are rounded to the largest float at most
 TOO_LARGE = 2**1024 - 2**970
 #: what ends a line, with the white space around it
@@ -130,12 +134,29 @@ class FileExistsInRunError(OutputError):
     """A file stands where a result is to be written, and it may not be overwritten."""
 
 
+class MissingPackageError(GranphonError, ImportError):
+    """A package that is needed here, and not elsewhere, is not installed."""
+
+
 class InconsistencyWarning(UserWarning):
     """Numbers that were given contradict each other: a force is not that of its overlap."""
 
 
 class UnverifiedFileWarning(UserWarning):
     """A file without a digest was read: nothing shows whether it is still as it was written."""
+
+
+@contextmanager
+def needing(what: str) -> Iterator[None]:
+    """Raise :class:`MissingPackageError` where a block imports a package that is not installed; ``what`` needs it."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        name = str(error.name).partition(".")[0]
+        if name in ("None", "granphon"):
+            raise
+        mend = f"Install it: pip install {_DISTRIBUTIONS.get(name, name)}"
+        raise MissingPackageError(f"{name} is not installed", f"{what} needs it", mend) from None
 
 
 def message(what: str, why: str = "", mend: str = "") -> str:

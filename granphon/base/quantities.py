@@ -16,7 +16,7 @@ from fractions import Fraction
 from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any, Literal
 
-from granphon.base.errors import Refused
+from granphon.base.errors import Refused, needing
 from granphon.base.text import closest, show
 from granphon.base.validation import number
 
@@ -54,7 +54,8 @@ _UNIT_PATTERN = re.compile(rf"(?:1/)?{_FACTOR}(?:\s*[*/·]\s*{_FACTOR})*")
 
 @cache
 def _make_registry() -> Any:
-    from pint import UnitRegistry
+    with needing("A number with its unit"):
+        from pint import UnitRegistry
 
     registry: Any = UnitRegistry(None, non_int_type=Decimal)
     registry.load_definitions(_UNIT_DEFINITIONS.strip().splitlines())

@@ -34,6 +34,7 @@ from granphon.base.errors import (
     UnverifiedFileWarning,
     brief,
     message,
+    needing,
 )
 
 #: the largest file that is read, bytes
@@ -224,7 +225,8 @@ class _Builder:
         self.event: Any = None
 
     def build(self) -> Any:
-        import yaml
+        with needing("A YAML file"):
+            import yaml
 
         if odd := _ODD_IN_TEXTS.search(self.text):
             self.at = self.text.count("\n", 0, odd.start()) + 1

@@ -10,7 +10,7 @@ import multiprocessing
 import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from typing import TypeVar
 
 Item = TypeVar("Item")
@@ -36,8 +36,10 @@ def share_out(function: Callable[[Item], Result], items: Iterable[Item]) -> list
 
 @contextmanager
 def single_products() -> Iterator[None]:
-    """Hold the libraries of linear algebra to one thread, in all threads of this process."""
-    from threadpoolctl import threadpool_limits
+    """Hold the libraries of linear algebra to one thread, in all threads of this process; not without threadpoolctl."""
+    with ExitStack() as stack:
+        with suppress(ImportError):
+            from threadpoolctl import threadpool_limits
 
-    with threadpool_limits(1):
+            stack.enter_context(threadpool_limits(1))
         yield

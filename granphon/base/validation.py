@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Container, Iterable, Mapping, Sequence
 from decimal import Decimal
 from numbers import Real
 from typing import Any, Concatenate, ParamSpec, TypeVar
@@ -87,12 +87,13 @@ def is_one_of(value: object, options: Container[str]) -> bool:
     return isinstance(value, str) and value in options
 
 
-def choice(value: Any, options: Sequence[str]) -> str:
-    """Read a word that must be one of the ``options``."""
+def choice(value: Any, options: Collection[str]) -> str:
+    """Read a word that must be one of the ``options``; those of a registry say which plug-ins have failed."""
     if is_one_of(value, options):
         return str(value)
     meant = closest(value, options) if isinstance(value, str) else None
-    raise Refused(show(value), ", ".join(options), f"Did you mean {meant!r}?" if meant else "")
+    tips = getattr(options, "failures", ""), f"Did you mean {meant!r}?" if meant else ""
+    raise Refused(show(value), ", ".join(options), ". ".join(filter(None, tips)))
 
 
 def text(value: Any) -> str:

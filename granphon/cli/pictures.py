@@ -174,12 +174,18 @@ def make_scene_page(
             if first.packing.kind_names:
                 state: Any = first.medium.of(first.packing).at(first.load[0], finite_overlap=read.finite_overlap)
                 begins = "The scene has several states; this page is that of the first."
-                text = make_page(state.source, direction=direction, title=title, remarks=[begins] * (not read.is_single))
+                text = make_page(
+                    state.source,
+                    direction=direction,
+                    title=title,
+                    losses=read.bands,
+                    remarks=[begins] * (not read.is_single),
+                )
                 place.write_text(text, encoding="utf-8")
                 return
             text = make_page(
                 first.packing, read.media, read.load, finite_overlap=read.finite_overlap, path=read.band,
-                direction=direction, title=title, remarks=[begins] * bool(first.where),
+                direction=direction, title=title, losses=read.bands, remarks=[begins] * bool(first.where),
             )  # fmt: skip
         place.write_text(text, encoding="utf-8")
 

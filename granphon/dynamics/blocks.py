@@ -315,16 +315,24 @@ class Block:
 
     def _decompose(self, point: _Point) -> tuple[Array, NDArray[Any]]:
         """Find frequencies and eigenvectors in the basis of the point."""
-        if point.across is not None:
-            values, right = graded_eigh(self._make_matrix(point.rows, point.across), factorise)
-        elif self.free and self.size > _MANY_FREE:
+        pushed = None if point.across is None else self._make_matrix(point.rows, point.across)
+        apart = None
+        if self.free and self.size > _MANY_FREE:
             # motions that cost nothing are split off: to tell them from the softest, plane rotations would take minutes
-            apart = lapack_svd(point.rows)[1]
-            soft, turn = graded_svd(point.rows @ apart[:, :, self.free :])
-            values = np.pad(soft, ((0, 0), (self.free, 0)))
-            right = np.concatenate([apart[:, :, : self.free], apart[:, :, self.free :] @ turn], axis=2)
+            if pushed is None:
+                apart = lapack_svd(point.rows)[1]
+            else:  # a negative square, of a lattice that buckles, stays among the others
+                own_squares, apart = np.linalg.eigh(pushed)
+                apart = np.take_along_axis(apart, np.argsort(np.abs(own_squares), axis=1)[:, None], 2)
+        rest = None if apart is None else apart[:, :, self.free :]
+        if pushed is None:
+            values, right = graded_svd(point.rows if rest is None else point.rows @ rest)
         else:
-            values, right = graded_svd(point.rows)
+            own = pushed if rest is None else rest.conj().swapaxes(1, 2) @ pushed @ rest
+            values, right = graded_eigh(own, factorise)
+        if apart is not None and rest is not None:
+            values = np.pad(values, ((0, 0), (self.free, 0)))
+            right = np.concatenate([apart[:, :, : self.free], rest @ right], axis=2)
         small = (values <= self._limit * self._largest) & (values > 0.0)
         if np.any(small):
             doubtful = np.flatnonzero(np.any(small, axis=1))

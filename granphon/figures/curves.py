@@ -40,7 +40,6 @@ from granphon.base.text import closest
 from granphon.figures.bands import name_corners
 from granphon.figures.style import COLOURS, GUIDE, STYLE, VERMILION, pick_evenly, print_hertz
 from granphon.figures.words import (
-    MEDIA,
     describe_medium,
     describe_overlap,
     describe_parameter,
@@ -51,7 +50,7 @@ from granphon.figures.words import (
 )
 from granphon.fits.fit import WidthFit
 from granphon.fits.measurements import Measurements
-from granphon.media.choice import AutoMedium
+from granphon.media.choice import MEDIA, AutoMedium
 from granphon.media.simulation import DirectSimulation
 from granphon.observables.catalogue import CATALOGUE, axis_label
 from granphon.phonons.bands import Bands
@@ -311,7 +310,7 @@ def _make_remarks(curves: Sequence[Curve]) -> list[Line2D]:
     names = {one.partition("(")[0] for curve in curves for one in curve.served}
     style = grey | {"markersize": _SERVING_SIZE, "linestyle": "none"}
     return handles + [
-        Line2D([], [], marker=_SERVING.get(name, "o"), label=f"{MEDIA.get(name, name)} served", **style)
+        Line2D([], [], marker=_SERVING.get(name, "o"), label=f"{describe_medium(name)} served", **style)
         for name in sorted(names, key=list(MEDIA).index)
     ]
 

@@ -9,13 +9,11 @@ from typing import Any
 from granphon.balls.packing import Packing
 from granphon.base.quantities import load_quantities
 from granphon.base.scales import write_quantity
-from granphon.media.choice import EVERY_MEDIUM
-from granphon.media.sampled_balls import DEFAULT_SHAPES
+from granphon.media.choice import find_medium
+from granphon.media.simulation import DEFAULT_SHAPES
 
 #: a space at which no line ends
 _NO_BREAK = "\u00a0"
-#: the media in words, without their options
-MEDIA = {name: medium.words for name, medium in EVERY_MEDIUM.items()}
 #: what the options of media mean in a legend; the value stands for {}
 _OPTIONS = {
     "local_field=paper": "local field of the paper", "friction_history=true": "loaded with friction",
@@ -39,10 +37,11 @@ def describe_medium(label: str, periods: int = 2, balls: int = 1) -> str:
     ``periods`` and ``balls`` are the number of periods of the lattice, and that of balls in its cell.
     """
     name, _, inner = label.removesuffix(")").partition("(")
-    if name not in MEDIA:
+    try:
+        words = [str(find_medium(name).words)]
+    except KeyError:
         return label
     options = dict(one.split("=", 1) for one in inner.split(", ") if "=" in one)
-    words = [MEDIA[name]]
     if name == "simulation":
         shape = options.pop("shape", " ".join(map(str, DEFAULT_SHAPES[periods]))).replace(" ", " x ")
         samples = int(options.pop("samples", 1))

@@ -487,7 +487,7 @@ class WidthFit(Fitted, Result):
     @property
     def is_isotropic(self) -> bool:
         """Whether long waves in the lattice have the same velocities in all directions."""
-        return MediumChoice("ala").of(self.packing).at_force(float(self.force[0])).is_isotropic
+        return bool(MediumChoice("ala").of(self.packing).at_force(float(self.force[0])).is_isotropic)
 
     def velocity_at(self, force: ArrayLike, medium: str | None = None) -> Any:
         """Return the velocity of the fitted packing, m/s, at other forces, N; in another ``medium`` if one is named.

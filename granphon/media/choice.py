@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any, get_args
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,8 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing, given_packing
-from granphon.base.errors import InputError
+from granphon.base.errors import InputError, brief
 from granphon.base.quantities import load_quantities
+from granphon.base.registry import Registry
 from granphon.base.validation import block, choice, number, read_inside, real_number, require
 from granphon.media.accuracy import FRICTIONLESS, accuracy
 from granphon.media.arrangement import Balls, CrystalMedium
@@ -30,11 +31,12 @@ from granphon.media.friction_history import HISTORY_OPTIONS, REFERENCE_OPTIONS, 
 from granphon.media.left_out import EXACT, LATTICE, expect_shear_deficit, find_left_out
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
 from granphon.media.medium import MediumBase, Option
-from granphon.media.sampled_balls import DEFAULT_SHAPES, read_cells
-from granphon.media.simulation import DirectSimulation, no_finite_overlap
+from granphon.media.simulation import DEFAULT_SHAPES, DirectSimulation, no_finite_overlap, read_cells
 from granphon.media.state import ContactState, read_finite_overlap
 
 Array = NDArray[np.float64]
+#: the class of a medium
+MediumClass = TypeVar("MediumClass", bound=type)
 #: sides, in diameters, of the samples that an automatic medium chooses among, with two and with three periods
 SIDES = {
     2: (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024),
@@ -163,17 +165,38 @@ class AutoMedium(MediumBase[ContactState]):
         if read_finite_overlap(finite_overlap):
             raise no_finite_overlap(self.name)
         load = load.applied
-        serving = self.serving(load.kind, load.array).of(self.packing)
-        return replace(serving.at(load, finite_overlap=finite_overlap), chosen_automatically=True)
+        state: ContactState = self.serving(load.kind, load.array).of(self.packing).at(load, finite_overlap=finite_overlap)
+        return replace(state, chosen_automatically=True)
 
 
-_AnyMedium = AveragedLattice | AveragedForce | EffectiveMedium | ClusterMedium | DirectSimulation | AutoMedium
 #: the classes of media of packings by the names that scenes and sweeps use
-MEDIA: Mapping[str, type[_AnyMedium]] = {medium.name: medium for medium in get_args(_AnyMedium)}
-#: the same, and that of crystals
-EVERY_MEDIUM: Mapping[str, type[_AnyMedium | CrystalMedium]] = {**MEDIA, CrystalMedium.name: CrystalMedium}
-#: the options of each medium, by the name of the medium and then of the option
-OPTIONS: Mapping[str, Mapping[str, Option]] = {name: medium.options for name, medium in EVERY_MEDIUM.items()}
+MEDIA: Registry[type[MediumBase[Any]]] = Registry("medium")
+for _one in (AveragedLattice, AveragedForce, EffectiveMedium, ClusterMedium, DirectSimulation, AutoMedium):
+    MEDIA.own(_one.name, _one)
+
+
+def register_medium(medium: MediumClass) -> MediumClass:
+    """Make a medium known by its ``name``: to sweeps, scenes and fits, with its ``words`` in figures.
+
+    ``medium`` is a subclass of :class:`~granphon.LawMedium`, or of another medium, with a ``name`` of its own, which is made
+    of a packing. Returns it, so that it may stand above the class as a decorator. Raises
+    :class:`~granphon.base.errors.InputError` for what is no such class, and for a name that is taken.
+    """
+    given: Any = medium
+    own = vars(medium) if isinstance(given, type) and issubclass(given, MediumBase) else {}
+    if not isinstance(own.get("name"), str):
+        mend = "Give a subclass of granphon.LawMedium with a name of its own"
+        raise InputError(f"{brief(medium)} is no medium", mend=mend)
+    found: type[MediumBase[Any]] = medium
+    if "words" not in own:
+        found.words = own["name"]
+    MEDIA.add(own["name"], found)
+    return medium
+
+
+def find_medium(name: str) -> type[Any]:
+    """Return the class of a medium by its name, that of crystals among them; KeyError if there is none."""
+    return CrystalMedium if name == CrystalMedium.name else MEDIA[name]
 
 
 @dataclass(frozen=True)
@@ -195,10 +218,10 @@ class MediumChoice:
     options: tuple[tuple[str, Load | Any], ...] = ()  # the class is named so that plain data are made into it again
 
     def __post_init__(self) -> None:
-        name = require("medium", partial(choice, options=tuple(EVERY_MEDIUM)), self.name)
+        name = require("medium", _read_name, self.name)
         given = require(f"medium.{name}", partial(_read_options, name), dict(self.options))
         # options at their default are dropped, so that choices with the same meaning compare equal
-        kept = tuple(one for one in sorted(given.items()) if one[1] != OPTIONS[name][one[0]].default)
+        kept = tuple(one for one in sorted(given.items()) if one[1] != find_medium(name).options[one[0]].default)
         object.__setattr__(self, "options", kept)
 
     @classmethod
@@ -250,7 +273,7 @@ class MediumChoice:
     @property
     def settings(self) -> dict[str, Any]:
         """Every option with its value, defaults included; a shape whose default depends on the lattice is None."""
-        return {option: known.default for option, known in OPTIONS[self.name].items()} | dict(self.options)
+        return {option: known.default for option, known in find_medium(self.name).options.items()} | dict(self.options)
 
     @property
     def history(self) -> FrictionHistory:
@@ -345,12 +368,12 @@ class MediumChoice:
             why = f"{several.capitalize()} have the medium {CrystalMedium.name} alone, and no others have it"
             raise InputError(f"the medium is {self.label!r}", why, mend)
 
-    def of(self, packing: Balls) -> _AnyMedium | CrystalMedium:
+    def of(self, packing: Balls) -> MediumBase[Any]:
         """Return the medium for this packing."""
         self.require_for(packing)
         options: Any = dict(self.options)
-        own: Any = packing
-        return EVERY_MEDIUM[self.name](own, **options)
+        found: type[Any] = find_medium(require("medium", _read_name, self.name))  # a worker may not know it
+        return found(packing, **options)  # type: ignore[no-any-return]
 
     def choose(self, packing: Balls, load: Load) -> list[ServingMedium]:
         """Return the media that serve the values of an applied load.
@@ -408,7 +431,7 @@ class ServingMedium:
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
         """Return the state of the medium at a load, any of those that it serves; the state says whether it was chosen."""
-        state = self.medium.of(self.packing).at(load, finite_overlap=finite_overlap)
+        state: ContactState = self.medium.of(self.packing).at(load, finite_overlap=finite_overlap)
         return replace(state, chosen_automatically=True) if self.chosen_automatically else state
 
     def by_geometry(self, finite_overlap: bool = False) -> list[ServingMedium]:
@@ -482,8 +505,7 @@ def read_medium(value: Any, lattice: Lattice | None = None, written: bool = Fals
         return value if lattice is None else value.on(lattice)
     is_block = isinstance(value, Mapping) and len(value) == 1
     name, given = next(iter(value.items())) if is_block else (value, None)
-    if name != CrystalMedium.name:
-        choice(name, tuple(MEDIA))
+    _read_name(name)
     options = (
         {} if given is None else read_inside(name, partial(_read_options, name, lattice=lattice, written=written), given)
     )
@@ -507,9 +529,13 @@ def no_simulation(media: Iterable[MediumChoice]) -> None:
             raise no_finite_overlap(one.label)
 
 
+def _read_name(value: Any) -> str:
+    return str(value) if value == CrystalMedium.name else choice(value, MEDIA)
+
+
 def _read_options(name: str, given: Any, lattice: Lattice | None = None, written: bool = False) -> dict[str, Any]:
     """Read options of the medium ``name`` by their rules; see :func:`read_medium` for the other arguments."""
-    rules = {option: known.rule for option, known in OPTIONS[name].items()}
+    rules = {option: known.rule for option, known in find_medium(name).options.items()}
     if lattice is not None and "shape" in rules:
         rules["shape"] = partial(read_cells, periods=lattice.periods)
     if lattice is not None and "start" in rules:

@@ -98,7 +98,8 @@ class ClusterMedium(LawMedium):
         return float(np.max(law.quadrature_error(y * law.width)))
 
     @property
-    def _law(self) -> Law:
+    def spread_law(self) -> Law:
+        """Contact law of the medium for balls that differ, in SI."""
         packing, spread = self.packing, self.packing.spread
         # where all contacts must carry one force, as on a chain, balls that differ are as good as equal ones
         if not spread or self.response.is_fixed:

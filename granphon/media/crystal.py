@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.sparse_matrices import compose
 from granphon.balls.ball import BALL_LIMITS, RIGID_PLANE, Ball, Body, ContactConstants
-from granphon.balls.contact_laws import DMT, JKR, Hertz, PairLaw, PowerLaw, TabulatedLaw, check_law, law_between
+from granphon.balls.contact_laws import DMT, JKR, Hertz, PairLaw, PowerLaw, TabulatedLaw, check_law, find_law, law_between
 from granphon.balls.contact_table import TOUCH, ContactTable, find_contacts, repeat_contacts, require_joined
 from granphon.balls.kinds import find_kinds, find_structure, list_balls, name_kinds, require_fit
 from granphon.balls.lattices import LATTICES, Lattice
@@ -92,7 +92,8 @@ class Crystal(Result):
         An empty list for a cluster without periods.
     positions : (n, d) centres, m.
     law : the law of the normal force of all contacts, such as :class:`~granphon.Hertz` (the default), or a mapping from
-        pairs of names of kinds to laws, {("A", "B"): law}. A floor is the kind "floor". An object of your own with the
+        pairs of names of kinds to laws, {("A", "B"): law}; a registered law by its name. A floor is the kind "floor". An
+        object of your own with the
         methods of :class:`~granphon.balls.contact_laws.PairLaw` serves for all pairs; it is compared with its derivatives
         once. A law whose force is zero at overlaps below 0 only pushes. One that pulls there is a bond, which never
         opens; or it adheres down to its ``least_overlap``, and is zero below that.
@@ -1265,10 +1266,10 @@ def _in_double_precision(values: Array) -> Iterator[None]:
 def _read_law(law: Any) -> Any:
     """Return the law of all contacts, or a tuple of pairs of names of kinds, each with its law."""
     if not isinstance(law, Mapping):
-        return Hertz() if law is None else law
+        return Hertz() if law is None else find_law(law)
     for key in law:
         if not (isinstance(key, tuple) and len(key) == 2 and all(isinstance(one, str) for one in key)):
             raise InputError(f"law has the key {brief(key)}", mend='Give pairs of names, as ("A", "B")')
         if key[::-1] in law and law[key] != law[key[::-1]]:
             raise InputError(f"law has two laws for contacts of {key}", mend="Give one, in either order")
-    return tuple(law.items())
+    return tuple((pair, find_law(one)) for pair, one in law.items())

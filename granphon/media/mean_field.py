@@ -47,6 +47,12 @@ _LOCAL_FIELDS = ("computed", "paper")
 class LawMedium(MediumBase[ContactState]):
     """A medium that consists of a contact law: ``at_*`` take scalars or arrays, in SI.
 
+    A medium of your own is a subclass with a ``name``, its ``words`` in figures, and :attr:`spread_law`.
+
+    Parameters
+    ----------
+    packing : the balls.
+
     They raise :class:`~granphon.base.errors.InputError` for a load that is not finite, not compressive, or presses balls
     together by their whole diameter, and :class:`~granphon.base.errors.PrecisionError` for one so low that the law is not
     known there. With ``finite_overlap`` every result from the state includes the terms of relative order delta/d, and
@@ -58,12 +64,12 @@ class LawMedium(MediumBase[ContactState]):
     @cached_property
     def law(self) -> Law:
         """Contact law of the medium; for equal balls, and on a line, it is Hertz's law in every medium."""
-        return self._law if self.packing.spread_matters else self.packing.law
+        return self.spread_law if self.packing.spread_matters else self.packing.law
 
     @property
     @abstractmethod
-    def _law(self) -> Law:
-        """Contact law of the medium for balls that differ."""
+    def spread_law(self) -> Law:
+        """Contact law of the medium for balls that differ, in SI."""
 
     def __post_init__(self) -> None:
         given_packing(self.packing)
@@ -135,7 +141,8 @@ class AveragedLattice(LawMedium):
     name, words = "ala", "averaged lattice"
 
     @property
-    def _law(self) -> Law:
+    def spread_law(self) -> Law:
+        """Contact law of the medium for balls that differ, in SI."""
         return self.packing.law
 
 
@@ -153,7 +160,8 @@ class AveragedForce(LawMedium):
     name, words = "afa", "averaged force"
 
     @property
-    def _law(self) -> Law:
+    def spread_law(self) -> Law:
+        """Contact law of the medium for balls that differ, in SI."""
         spread = self.packing.spread
         return AveragedLaw(self.packing.law.coefficient, self.packing.width, spread.shape) if spread else self.packing.law
 
@@ -242,7 +250,8 @@ class EffectiveMedium(LawMedium):
         return local_field(packing.structure, eta, bending=packing.bending, torsion=torsion)
 
     @property
-    def _law(self) -> Law:
+    def spread_law(self) -> Law:
+        """Contact law of the medium for balls that differ, in SI."""
         spread, law = self.packing.spread, self.packing.law
         if not spread or self.local_field.is_determinate:
             return law

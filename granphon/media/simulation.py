@@ -2,40 +2,68 @@
 
 Section III of Velicky and Caroli replaces the array by an average one. Here a periodic sample of L1 x L2 balls is simulated.
 Its mechanical equilibrium is found without friction (:mod:`granphon.array.equilibrium`); its linear response
-(:mod:`granphon.array.linear_response`) then has shear springs at every contact that carries load.
+(:mod:`granphon.array.linear_response`) then has shear springs at every contact that carries load. A state is a mean over
+samples; its attributes, elastic tensor, sound waves and local exponent have standard errors.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, partial
 from operator import attrgetter
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.geometry import ReducedLoad
+from granphon.array.geometry import ReducedLoad, require_small
 from granphon.array.pressed_sample import PressedSample
-from granphon.array.sample import STEP, Sample, jackknife
+from granphon.array.sample import STEP, Sample, jackknife, standard_error
 from granphon.array.stencils import Stencils
+from granphon.balls.diameters import Measured
 from granphon.balls.hertz import HertzLaw
+from granphon.balls.lattices import Lattice, as_direction
 from granphon.balls.loads import Load
-from granphon.base.errors import GranphonError, InputError, brief
+from granphon.balls.motions import Motions, allowed_motions
+from granphon.balls.packing import Packing, given_packing
+from granphon.base.errors import GranphonError, InputError, MechanismError, brief
 from granphon.base.progress import Progress, silent
 from granphon.base.results import read_only
-from granphon.dynamics.tensors import longitudinal_modulus
+from granphon.base.validation import choice, finite_array, lengths, require, whole, whole_number
+from granphon.dynamics.contact_lattice import ContactLattice
+from granphon.dynamics.tensors import bulk_and_shear, longitudinal_modulus, symmetrise, waves_of_tensor
 from granphon.media.equilibria import find_equilibria, find_equilibrium, prescribe, require_load, share_array
-from granphon.media.left_out import LATTICE, LEFT_OUT_LIMIT, estimate_shear_deficit
+from granphon.media.friction_history import HISTORY_OPTIONS, FrictionHistory
+from granphon.media.left_out import (
+    EXACT,
+    GEOMETRIES,
+    LATTICE,
+    LEFT_OUT_LIMIT,
+    can_be_exact,
+    choose_geometries,
+    estimate_shear_deficit,
+)
 from granphon.media.loading import LoadedSample, require_above
-from granphon.media.medium import MediumBase
-from granphon.media.sampled_balls import SampledBalls
-from granphon.media.sampled_state import SampledState
-from granphon.media.state import read_finite_overlap
+from granphon.media.medium import MediumBase, Option
+from granphon.media.state import ContactState, read_finite_overlap
 
 Array = NDArray[np.float64]
+#: the largest seed of a sample
+_MOST_SEED = 2**64 - 1
+#: default numbers of cells of a sample, with one, two and three periods
+DEFAULT_SHAPES = {1: (16_384,), 2: (128, 128), 3: (24, 24, 24)}
+#: rule of validation for the numbers of cells in a scene; ``periods`` says how many they must be
+read_cells = partial(lengths, low=1, high=20_000)
+#: greatest numbers of balls along a side of a sample, of its cells, and of samples, far beyond what fits into memory
+_MOST_SIDE, _MOST_CELLS, _MOST_SAMPLES = 2**31, 2**48, 2**31
+#: number of wave vectors along each axis at which a lattice is probed for motions that cost nothing (corners, edges and
+#: faces of the zone are among them), and the frequency, in (k/M)^1/2, below which a wave costs nothing
+_PROBED, _SOFT = 12, 1e-6
+#: least width over diameter: where overlaps are more than 1e20 widths, some samples find no equilibrium
+_LEAST_WIDTH = 1e-20
 #: for how many balls a ball counts in the exact geometry where a start is solved, and the least that a sample counts for:
 #: both take their time
 _EXACT_BALL, _LEAST_SAMPLE = 20, {False: 625, True: 2500}
@@ -115,8 +143,22 @@ class SampleLaw:
         return self.simulation.at_force(force).overlap
 
 
+#: the attributes that only samples with a history of friction have, with their units
+HISTORY_UNITS = {"sliding_fraction": "1", "tangential_ratio": "1", "work": "J", "dissipated_energy": "J"}
+
+
+def _average_history(name: str, meaning: str) -> property:
+    """Return the property of a state that is the mean over samples of one of :data:`HISTORY_UNITS`; None without them."""
+
+    def find(state: SimulatedState) -> Any:
+        known = getattr(state.samples[0], name, None) is not None
+        return state._average(lambda sample: getattr(sample, name)) if known else None
+
+    return property(find, doc=f"{meaning}; None without a history of friction.")
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class SimulatedState(SampledState):
+class SimulatedState(ContactState):
     """The contacts of simulated samples: means over the samples, and the samples themselves.
 
     At a given force or pressure every sample bears the same force, and overlaps are averaged. At a given overlap all samples
@@ -133,6 +175,8 @@ class SimulatedState(SampledState):
     response, pressure and density of the samples are in the paper's limit; :class:`~granphon.base.errors.InputError` if it
     is set.
     """
+
+    units = {**ContactState.units, "contact_force_fluctuation": "1", **HISTORY_UNITS}
 
     law: HertzLaw | SampleLaw = field(repr=False)
     samples: tuple[Sample | PressedSample, ...] = field(default=(), repr=False)
@@ -169,6 +213,171 @@ class SimulatedState(SampledState):
         f, delta, k = (np.asarray(x)[index] for x in (self.force, self.overlap, self.normal_stiffness))
         finite = bool(np.any(np.asarray(self._is_exact)[index]))
         return replace(self, force=f, overlap=delta, normal_stiffness=k, samples=samples, finite_overlap=finite)
+
+    @property
+    def _table(self) -> NDArray[Any]:
+        """Samples as an array of objects, with the axes of the load and then the index of the sample."""
+        table = np.empty(len(self.samples), dtype=object)
+        table[:] = self.samples
+        return table.reshape(*self.shape, -1)
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples that are averaged at each load."""
+        return len(self.samples) // int(np.prod(self.shape, dtype=int))
+
+    @property
+    def sample(self) -> Any:
+        """First sample; for several loads an array of the first samples, with the shape of the load."""
+        first = self._table[..., 0]
+        return first if self.shape else first[()]
+
+    def over_samples(self, of: Callable[[Any], ArrayLike]) -> Array:
+        """Return the quantity ``of`` every sample, in its own unit.
+
+        The shape is that of the load, then (n_samples,), then that of the quantity.
+        """
+        values = np.array([np.asarray(of(sample)) for sample in self.samples])
+        return values.reshape(*self.shape, self.n_samples, *values.shape[1:])
+
+    def standard_error(self, of: str | Callable[[Any], ArrayLike]) -> Any:
+        """Return the standard error of the mean of a quantity over samples, in the unit of the quantity.
+
+        ``of`` is the name of an attribute of :class:`Sample`, or a function of a sample. The result has the shape of the
+        load followed by that of the quantity. Raises :class:`~granphon.base.errors.InputError` if there is only one sample.
+        """
+        if self.n_samples < 2:
+            raise InputError("one sample has no standard error", mend="Give samples=2 or more to granphon.DirectSimulation")
+        values = self.over_samples((lambda sample: getattr(sample, of)) if isinstance(of, str) else of)
+        return standard_error(values, len(self.shape))[()]
+
+    def _average(self, of: Callable[[Any], ArrayLike]) -> Any:
+        return np.mean(self.over_samples(of), axis=len(self.shape))[()]
+
+    @property
+    def force_fluctuation(self) -> Any:
+        """Force fluctuation Delta f / f: rms over balls of the mean force of a ball's contacts, over the mean."""
+        return self._average(lambda sample: sample.force_fluctuation)
+
+    @property
+    def contact_force_fluctuation(self) -> Any:
+        """Rms deviation of the forces of single contacts from the mean force, divided by it; with the shape of the load."""
+        return self._average(lambda sample: sample.contact_force_fluctuation)
+
+    @property
+    def contact_fraction(self) -> Any:
+        """Fraction of contacts that carry more than 1e-6 of the mean force, N_c / z (N_c / 6 on the triangular lattice).
+
+        In the exact geometry loose balls lean on others with W/d of that or less, so that it depends on the threshold: at
+        a* = 0.4 it is 0.67, 0.68 of all forces above zero, and 0.58 of those above 1e-3 (steel balls, W/d = 2.6e-4).
+        ``contact_fraction(threshold=...)`` of one of the ``samples`` takes another threshold.
+        """
+        return self._average(lambda sample: sample.contact_fraction())
+
+    def tangential_ratio_distribution(self, bins: int = 50, largest: float | None = None) -> tuple[Array, Array, Array]:
+        """Return (bins + 1,) edges, and the probability density of ``|T|/f`` with its standard error, (..., bins).
+
+        Both have the shape of the load in front: the density is the mean over samples of
+        :meth:`~granphon.array.pressed_sample.PressedSample.tangential_ratio_distribution`, which describes ``bins`` and
+        ``largest``, and its error is nan of one sample. Raises :class:`~granphon.base.errors.InputError` without a history
+        of friction.
+        """
+        return self._average_distribution("tangential_ratio_distribution", bins, largest)
+
+    def mobilisation_distribution(self, bins: int = 50) -> tuple[Array, Array, Array]:
+        """Return (bins + 1,) edges, and the probability density of ``|T|/(mu f)`` with its standard error, (..., bins).
+
+        See :meth:`tangential_ratio_distribution`; raises :class:`~granphon.base.errors.InputError` if mu is zero or infinite
+        too.
+        """
+        return self._average_distribution("mobilisation_distribution", bins)
+
+    def _average_distribution(self, name: str, *given: Any) -> tuple[Array, Array, Array]:
+        """Return the edges of a distribution of the samples, its mean over them, and the standard error of the mean."""
+        if not hasattr(self.samples[0], name):
+            what, why = f"there is no {name}", "Balls that come to rest without friction bear no tangential forces"
+            raise InputError(what, why, "Give friction_history=True to granphon.DirectSimulation")
+        edges: Array = getattr(self.samples[0], name)(*given)[0]
+        each = self.over_samples(lambda sample: getattr(sample, name)(*given)[1])
+        axis = len(self.shape)
+        mean = np.mean(each, axis=axis)
+        return edges, mean, standard_error(each, axis) if self.n_samples > 1 else np.full_like(mean, np.nan)
+
+    sliding_fraction = _average_history(
+        "sliding_fraction", "Part of the contacts that carry load whose tangential force is at Coulomb's limit"
+    )
+    tangential_ratio = _average_history(
+        "tangential_ratio", "Mean magnitude of the tangential forces over the mean normal force"
+    )
+    work = _average_history("work", "Work of the load since the start, a mean over contacts, J")
+    dissipated_energy = _average_history("dissipated_energy", "Energy lost since the start, a mean over contacts, J")
+
+    @property
+    def elastic_tensor(self) -> Array:
+        """Elastic tensor in Voigt order: the mean over samples of their linear response.
+
+        It is (..., 3, 3), Pa, xx, yy, xy in the plane; (..., 6, 6), Pa, xx, yy, zz, yz, xz, xy in space; (..., 1, 1), N, of
+        a chain. Samples of finite size do not have the symmetry of the lattice; velocities follow from
+        the part that has.
+
+        If samples have the same force, ``normal_stiffness`` k is the inverse of a mean of compliances. For several samples
+        without friction the bulk modulus then differs from (3^(1/2)/2) k/d in second order of the differences of samples.
+        """
+        return np.asarray(self._average(lambda sample: sample.elastic_tensor))
+
+    @property
+    def is_isotropic(self) -> bool:
+        """Whether samples are isotropic on average: in the plane if the lattice has that symmetry, in space never."""
+        return self.packing.structure.periods == 1 or self._is_isotropic_plane
+
+    @property
+    def _is_isotropic_plane(self) -> bool:
+        return self.packing.structure.periods == 2 and super().is_isotropic
+
+    @property
+    def sampled_tensors(self) -> Array | None:
+        """Elastic tensor of each sample, (..., n_samples, n, n), Voigt order; None if there is only one sample."""
+        return self.over_samples(lambda sample: sample.elastic_tensor) if self.n_samples > 1 else None
+
+    def polarised_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
+        """Return velocities, m/s, (..., n_u) along ``direction``, or (..., n, n_u) for directions (n, p), and displacements.
+
+        Displacements are unit vectors, columns of (..., n_u, n_u) or (..., n, n_u, n_u). Both follow from the mean elastic
+        tensor: in an isotropic plane from its bulk and shear modulus.
+        """
+        return self._find_waves(self.elastic_tensor, self.effective_density, direction)
+
+    def _find_waves(self, tensor: Array, density: ArrayLike, direction: ArrayLike) -> tuple[Array, Array]:
+        """Return velocities and displacements of waves from elastic tensors (..., n, n) of samples, or of their mean."""
+        structure = self.packing.structure
+        along = as_direction(direction, structure.periods)
+        if not self._is_isotropic_plane:
+            tensor = symmetrise(tensor, structure) / np.asarray(density)[..., None, None]
+            return waves_of_tensor(tensor, along)
+        bulk, shear = np.moveaxis(bulk_and_shear(tensor), -1, 0)
+        # a sample that resists no shear has a modulus of zero, to rounding
+        shear = np.where(np.abs(shear) < 1e-12 * np.abs(bulk), np.maximum(shear, 0.0), shear)
+        # v_L and v_T, m/s, from K and G, Pa (equation 16)
+        velocities = np.sqrt(np.stack([bulk + shear, shear], axis=-1) / np.asarray(density)[..., None])
+        if along.ndim > 1:
+            velocities = np.repeat(velocities[..., None, :], len(along), axis=-2)
+        across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
+        vectors = np.stack([along, across], axis=-1)
+        return velocities, np.broadcast_to(vectors, (*velocities.shape, 2))
+
+    def wave_errors(self, direction: ArrayLike) -> Array | None:
+        """Return standard errors of velocities along ``direction``, m/s, in the order of ``wave_names``; None of one."""
+        every = self.sampled_tensors
+        if every is None:
+            return None
+        velocities, _ = self._find_waves(every, np.asarray(self.effective_density)[..., None], direction)
+        return standard_error(velocities, len(self.shape))
+
+    def branch_scales(self, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
+        """Return the velocities (m/s) that scale each branch of the ideal lattice to the long waves of the samples."""
+        found, ideal = self.long_waves(direction), self.loaded_lattice.find_waves(direction)[0]
+        places, scales = [self.wave_names.index(name) for name in names], super().branch_scales(direction, names)
+        return [np.asarray(found[..., i] / (ideal[..., i] / scale)) for i, scale in zip(places, scales, strict=True)]
 
     @property
     def _is_exact(self) -> Any:
@@ -281,8 +490,13 @@ class SimulatedState(SampledState):
         return np.where(self._is_exact, self.force / self.normal_stiffness / spacing, 0.0)
 
 
+def read_geometry(value: Any) -> str | None:
+    """Read the name of a geometry; None leaves it to the load. It is a rule of :mod:`granphon.base.validation`."""
+    return None if value is None else choice(value, options=GEOMETRIES)
+
+
 @dataclass(frozen=True, eq=False)
-class DirectSimulation(SampledBalls, MediumBase[SimulatedState]):
+class DirectSimulation(MediumBase[SimulatedState]):
     """The medium that simulates samples of the packing, ball by ball, at rest under load.
 
     Parameters
@@ -332,7 +546,199 @@ class DirectSimulation(SampledBalls, MediumBase[SimulatedState]):
     ``reached`` of the error is then the state at the loads before.
     """
 
+    packing: Packing
+    shape: tuple[int, ...] | None = None
+    seed: int = 0
+    samples: int = 1
+    diameters: Array | None = None
+    executor: Executor | None = field(default=None, compare=False, repr=False)
+    workers: int = field(default=1, compare=False, repr=False)
+    friction_history: bool = False
+    friction_coefficient: float | None = FrictionHistory.friction_coefficient
+    geometry: str | None = None
+    start: float | Load | str = FrictionHistory.start
+    shear_response: str = FrictionHistory.shear_response
+    step_tolerance: float = FrictionHistory.step_tolerance
+    ordered: bool = FrictionHistory.ordered
+
+    #: what a scene may set; it cannot give diameters, and says elsewhere where it runs
+    options: ClassVar[Mapping[str, Option]] = {
+        "shape": Option(shape, read_cells),
+        "seed": Option(seed, partial(whole, low=0, high=_MOST_SEED)),
+        "samples": Option(samples, partial(whole, low=1, high=10_000)),
+        "geometry": Option(geometry, read_geometry),
+        **HISTORY_OPTIONS,
+    }
+
     name, words = "simulation", "simulation"
+
+    def __post_init__(self) -> None:
+        given_packing(self.packing)
+        history = self.history
+        for name, value in history.options.items():
+            object.__setattr__(self, name, value)
+        held = history.from_gas and history.friction_coefficient != 0
+        require_standing(self.packing, history.is_loaded, history.is_loaded and held)
+        periods, shape = self.packing.structure.periods, self.shape
+        if shape is not None:
+            shape = require("shape", partial(lengths, low=1, high=_MOST_SIDE, periods=periods), shape)
+            if math.prod(shape) > _MOST_CELLS:
+                what = f"shape is {shape}, which are {float(math.prod(shape)):.3g} cells"
+                raise InputError(what, f"No memory holds more than {_MOST_CELLS:.3g}", "Give fewer")
+        object.__setattr__(self, "shape", shape or DEFAULT_SHAPES[periods])
+        if self.diameters is not None:
+            self._take_diameters(self.diameters)
+        if 0.0 < self.packing.width < _LEAST_WIDTH * self.packing.diameter:
+            what = f"the width of the diameters is {self.packing.relative_width:.3g} of their mean"
+            raise InputError(what, f"Samples are simulated from {_LEAST_WIDTH:g} on", "Leave the spread out")
+        object.__setattr__(self, "samples", whole_number("samples", self.samples, 1, _MOST_SAMPLES))
+        object.__setattr__(self, "seed", whole_number("seed", self.seed, 0, _MOST_SEED + 1 - self.samples))
+        whole_number("workers", self.workers, 1)
+        if self.diameters is not None and self.samples > 1:
+            raise InputError("diameters are given, which make one sample", mend="Leave samples out")
+        if self.executor is not None and not hasattr(self.executor, "submit"):
+            raise InputError(f"executor is {self.executor!r}", mend="Give a concurrent.futures.Executor, or none")
+        geometry = require("geometry", read_geometry, self.geometry)
+        if geometry is None and not can_be_exact(self.packing):
+            geometry = LATTICE
+        elif geometry is None and history.is_loaded:
+            geometry = EXACT  # otherwise the load decides
+        object.__setattr__(self, "geometry", geometry)
+        if geometry == EXACT and not self.packing.spread_matters:
+            what = "on a line" if self.packing.width else "of equal balls"
+            why = f"The contacts {what} have the directions of the lattice anyway"
+            raise InputError(f"the exact geometry {what} is not simulated", why, "Use a medium with finite_overlap")
+        require_small(self.ratio)
+        if history.is_loaded and self.packing.structure.periods == 1:
+            why = "On a line contacts do not slip, so that friction does nothing"
+            raise InputError("a chain has no friction_history", why, "Leave it out")
+        if history.is_loaded and not self.packing.mindlin_ratio > 0.0:
+            why = "The balls of this packing resist no slip (its mindlin_ratio is zero)"
+            raise InputError("friction_history needs contacts with friction", why, "Give the packing friction=True")
+        # a start that no sample can bear is refused, solving none
+        start = history.start
+        if isinstance(start, float) and self.packing.width:
+            start = Load("overlap", self.packing.width * (start - 0.5))
+        if history.is_loaded and isinstance(start, Load):
+            try:
+                require_load(self.packing, start.applied, self._largest)
+            except InputError as error:
+                refused = InputError(f"the start of the loading: {error}")
+                refused.option = "start"
+                raise refused from None
+
+    @cached_property
+    def history(self) -> FrictionHistory:
+        """How samples are loaded: the options of a history, read as one; see :meth:`FrictionHistory.read`."""
+        given = {name: getattr(self, name) for name in HISTORY_OPTIONS}
+        return require("DirectSimulation", FrictionHistory.read, given)  # type: ignore[no-any-return]
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, DirectSimulation):
+            return NotImplemented
+        return self._key == other._key and bool(np.all(np.asarray(self.diameters) == np.asarray(other.diameters)))
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    @property
+    def _key(self) -> tuple[Any, ...]:
+        """Everything that determines the results, except the values of given diameters."""
+        given = self.diameters is not None
+        return self.packing, self.shape, self.seed, self.samples, given, self.geometry, self.history
+
+    def _take_diameters(self, diameters: ArrayLike) -> None:
+        """Store given diameters (m); the sample takes their shape, and the packing their spread if it has none."""
+        array, packing = read_only(finite_array("diameters", diameters, "m", "above zero")), self.packing
+        lengths, n = packing.structure.periods, packing.structure.n_balls
+        if array.ndim != lengths + (n > 1) or (n > 1 and array.shape[-1] != n):
+            wanted = ", ".join([*(f"L{axis + 1}" for axis in range(lengths)), *[str(n)] * (n > 1)])
+            raise InputError(f"diameters have the shape {array.shape}", mend=f"Give an array ({wanted})")
+        if packing.spread is None and np.ptp(array):
+            # the packing takes the mean of the shifted list, which rounding may have changed
+            spread = Measured(tuple((packing.diameter + (array - np.mean(array))).ravel().tolist()))
+            packing = replace(packing, spread=spread, diameter=spread.mean)
+        object.__setattr__(self, "packing", packing)
+        object.__setattr__(self, "diameters", array)
+        own = array.shape[:lengths]
+        if self.shape not in (DEFAULT_SHAPES[lengths], own):
+            what = f"shape is {self.shape!r}, and the diameters have the shape {array.shape}"
+            raise InputError(what, "The diameters determine the shape of the sample", "Leave shape out")
+        object.__setattr__(self, "shape", own)
+
+    @property
+    def cells(self) -> tuple[int, ...]:
+        """Numbers of cells (L1, ..., Lp) of a sample: ``shape``, or its default."""
+        return self.shape or DEFAULT_SHAPES[self.packing.structure.periods]
+
+    @property
+    def balls(self) -> int:
+        """Number of balls of a sample."""
+        return math.prod(self.cells) * self.packing.structure.n_balls
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether contacts have the geometry of the displaced balls, and so finite overlap, whatever the load."""
+        return self.geometry == EXACT
+
+    @property
+    def ratio(self) -> float:
+        """W/d in the exact geometry of contacts; zero where they keep the directions of the lattice."""
+        return self.packing.relative_width if self.is_exact else 0.0
+
+    def by_geometry(self, load: Load, finite_overlap: bool | None = None) -> list[tuple[Self, list[int]]]:
+        """Return this simulation in each geometry, by word, that it has at values of an applied load, and their places.
+
+        Where no geometry is named, each load has its own (:func:`~granphon.media.left_out.choose_geometries`).
+        """
+        if self.geometry is not None:
+            return [(self, list(range(load.size)))]
+        words = choose_geometries(self.packing, load.applied.flat, finite_overlap)
+        return [
+            (replace(self, geometry=word), [place for place, one in enumerate(words) if one == word])
+            for word in dict.fromkeys(words)
+        ]
+
+    @property
+    def floats(self) -> bool:
+        """Whether loose balls float in their cages as samples are pressed from the gas: in the directions of the lattice."""
+        return self.history.is_loaded and self.history.from_gas and not self.ratio
+
+    @property
+    def resists_slip(self) -> bool:
+        """Whether contacts have springs against slip under sound: not where all of them slide, as mu is zero."""
+        all_slide = self.history.friction_coefficient == 0.0 and self.history.shear_response != "stick"
+        return self.packing.mindlin_ratio > 0.0 and not all_slide
+
+    @property
+    def _largest(self) -> float:
+        """Excess of the diameter of the largest ball over the mean, m: of those that are given, or that may be drawn."""
+        # diameters that are given may be larger than the largest of the packing's spread
+        given = self.packing.width_units.width * float(np.max(self.deviations(0))) if self.diameters is not None else 0.0
+        return max(given, self.packing.spread.largest if self.packing.spread else 0.0)
+
+    def seed_of(self, index: int) -> int | None:
+        """Return the seed of a sample; None if the diameters are given."""
+        return None if self.diameters is not None else self.seed + index
+
+    def deviations(self, index: int) -> Array:
+        """Return the reduced deviations x = Delta/W of the diameters of a sample, with mean zero.
+
+        Their shape is (L1, ..., Lp); with n > 1 balls in the cell it is (n, L1, ..., Lp).
+        """
+        packing = self.packing
+        n = packing.structure.n_balls
+        shape = (*self.cells, n) if n > 1 else self.cells
+        given = np.zeros(shape)
+        if packing.spread is not None:
+            given = self.diameters if self.diameters is not None else packing.spread.sample(shape, self.seed + index)
+        if n > 1:
+            given = np.ascontiguousarray(np.moveaxis(given, -1, 0))
+        if packing.spread is None:
+            return given
+        # the mean is subtracted twice, so that what remains is zero to the rounding of the deviations, not of the diameters
+        off = given - np.mean(given)
+        return np.asarray((off - np.mean(off)) / packing.width_units.width)
 
     @property
     def is_quick(self) -> bool:
@@ -529,3 +935,49 @@ def no_finite_overlap(medium: str) -> InputError:
     what = f"the medium {medium!r} has no terms of finite overlap"
     why = "Its linear response is found in the limit of spread and overlap small against the diameter"
     return InputError(what, why, "Leave finite_overlap out, simulate with geometry exact, or take another medium")
+
+
+def require_standing(packing: Packing, history: bool = False, by_friction: bool = False) -> None:
+    """Raise an error unless the balls of a packing stand without friction, and move as simulated balls do.
+
+    They need not stand without it if they are held ``by_friction``. The error says what would simulate them; whether they
+    are loaded with a ``history`` of friction makes a difference there.
+
+    Raises :class:`~granphon.base.errors.MechanismError` for a lattice that has a motion without a cost in energy, and
+    :class:`~granphon.base.errors.InputError` for motions that a simulation does not have.
+    """
+    structure = packing.structure
+    own = next(iter(allowed_motions(structure.periods).values()))  # along the periods of the lattice
+    if structure.dimension > structure.periods or packing.motions not in (None, own.name):
+        what, mend = f"the motions {packing.motions!r}", f"Use another medium, or the motions {own.name!r}"
+        if structure.dimension > structure.periods:
+            what, mend = f"a lattice of {structure.periods} periods in space", "Use another medium"
+        why = "Simulated balls move along the periods of their lattice"
+        raise InputError(f"balls with {what} are not simulated", why, mend)
+    falls = None if by_friction else _explain_fall(structure, own)
+    if falls is None:
+        return
+    what = f"the {structure.name} lattice is not simulated, because it does not stand without friction"
+    mend = "use another medium, or a lattice with more contacts, such as the triangular lattice, fcc or hcp"
+    friction = "" if packing.friction else "friction: true of the packing and "
+    if ContactLattice.of(structure, packing.material.mindlin_ratio, bending=packing.bending).mechanism:
+        mend = f"Friction does not hold it either: {mend}"
+    elif history:
+        keys = f"{friction}start: gas, and a friction_coefficient above zero"
+        mend = f"Start the history at the gas ({keys}), from which friction holds it; or {mend}"
+    else:
+        keys = f"{friction}friction_history: true with a friction_coefficient and start: gas"
+        mend = f"A simulation with {keys} simulates it; or {mend}"
+    raise MechanismError(what, falls, mend)
+
+
+@lru_cache(maxsize=64)
+def _explain_fall(structure: Lattice, motions: Motions) -> str | None:
+    """Return which waves of the lattice without friction cost no energy; None if all do, but translations of the whole."""
+    still = ContactLattice.of(structure, 0.0, motions=motions)
+    if still.mechanism:
+        return still.mechanism
+    ticks = [np.arange(_PROBED) / _PROBED] * structure.periods
+    fractions = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, structure.periods)[1:]
+    stands = np.all(still.frequencies(still.wavevectors(fractions))[:, 0] > _SOFT)
+    return None if stands else "Some of its waves cost no energy"

@@ -7,7 +7,7 @@ elements. It need not have any order. Waves in it are found by :class:`granphon.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, Self
@@ -21,11 +21,12 @@ from granphon.balls.lattices import Lattice
 from granphon.balls.layers import Layers, find_axes, find_faces, read_edges
 from granphon.balls.material import Material
 from granphon.balls.motions import Motions, allowed_motions, select_motions
-from granphon.base.errors import InputError, brief
+from granphon.base.errors import GranphonError, InputError, brief
+from granphon.base.registry import Registry
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
-from granphon.base.validation import label, lengths, real_array, require, text_list, truth, whole_number
+from granphon.base.validation import choice, label, lengths, real_array, require, text_list, truth, whole_number
 from granphon.networks.building import LARGEST, MOST_STEPS, read_whole_numbers
 
 Array = NDArray[np.float64]
@@ -623,6 +624,29 @@ class ContactNetwork(Result):
         fields = source.complete(material, friction, dimension, motions, prestress)
         return cls(**fields)._leave_out(keep_rattlers, held_by)
 
+    @classmethod
+    def read(cls, program: str, *files: Any, **options: Any) -> ContactNetwork:
+        """Return the network in the ``files`` of a program, by the reader of this name.
+
+        "tables" is :meth:`from_table`, "lammps" :meth:`from_lammps`; others are those of
+        :func:`~granphon.register_reader`. ``options`` are the reader's.
+
+        Raises :class:`~granphon.base.errors.InputError` for a name without a reader, for what the reader refuses, and where
+        it fails: the message names it.
+        """
+        reader = READERS[require("program", partial(choice, options=READERS), program)]
+        try:
+            found: Any = reader(*files, **options)
+        except GranphonError:
+            raise
+        except Exception as error:
+            what = f"{READERS.describe(program)} fails: {type(error).__name__}: {error}"
+            raise InputError(what, mend="Mend it, or the files") from error
+        if not isinstance(found, ContactNetwork):
+            what = f"{READERS.describe(program)} returns {brief(found)}"
+            raise InputError(what, mend="Let it return a granphon.ContactNetwork, as from_table makes one")
+        return found
+
     def _leave_out(self, keep_rattlers: bool, held_by: int | None) -> Self:
         return self if require("keep_rattlers", truth, keep_rattlers) else self.without_rattlers(held_by)
 
@@ -634,6 +658,24 @@ class ContactNetwork(Result):
         from granphon.networks.tables import write_tables
 
         write_tables(vars(self), balls, contacts)
+
+
+#: what reads the files of other programs, by the name of the program
+READERS: Registry[Callable[..., ContactNetwork]] = Registry("reader")
+READERS.own("tables", ContactNetwork.from_table)
+READERS.own("lammps", ContactNetwork.from_lammps)
+
+
+def register_reader(name: str, read: Callable[..., ContactNetwork]) -> Callable[..., ContactNetwork]:
+    """Make the reader of another program's contacts known by a name, to :meth:`ContactNetwork.read`.
+
+    ``read`` takes the paths of files, and options, and returns a :class:`~granphon.ContactNetwork`, as
+    :meth:`ContactNetwork.from_table` makes one of arrays in SI. Returns it. Raises
+    :class:`~granphon.base.errors.InputError` for what cannot be called, and for a name that is taken.
+    """
+    if not callable(read):
+        raise InputError(f"{brief(read)} reads no files", mend="Give a function of paths")
+    return READERS.add(name, read)
 
 
 def given_network(source: Any) -> ContactNetwork:

@@ -1,22 +1,24 @@
 """The catalogue of observables: for each quantity its name, SI unit and description, and the function that finds it.
 
-Sweeps, summaries, figures, the command line and the reference read this catalogue. To add an observable, write one entry
-here and its function.
+Sweeps, summaries, figures, the command line and the reference read this catalogue. An observable of granphon is one entry
+here and its function; others come by :func:`register_observable`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Container, Iterable
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.balls.parameters import PARAMETERS
-from granphon.base.errors import InputError
+from granphon.base.errors import InputError, brief, one_line
+from granphon.base.registry import Registry
+from granphon.base.validation import choice, require
 from granphon.media.arrangement import Balls
 from granphon.media.simulation import SimulatedState
 from granphon.media.state import ContactState
@@ -34,11 +36,16 @@ CostClass = Literal["packing", "state", "velocities", "exponent", "pulse", "spec
 class Analysis:
     """A state, with the results that several observables share. Each result is found once, and only when it is needed.
 
-    ``direction`` is that of the velocities, Cartesian, (p,) or (n, p) for many; None for x.
+    Attributes
+    ----------
+    state : the state of a packing, a sample or a crystal, at one load or many.
+    direction : that of the velocities, Cartesian, (p,) or (n, p) for many; None for x.
+    failed : why registered observables could not be found, by their names.
     """
 
     state: ContactState
     direction: ArrayLike | None = None
+    failed: dict[str, str] = field(default_factory=dict)
 
     @cached_property
     def validity(self) -> Validity:
@@ -411,9 +418,41 @@ _OBSERVABLES = (
     Observable("top_frequency", "Hz", "the highest frequency of the bands", cost="bands", swept=False, told=True),
 )  # fmt: skip
 #: every observable and every parameter of a sweep by its name, in the order in which files store them
-CATALOGUE: dict[str, Observable] = {one.name: one for one in _OBSERVABLES} | {
-    name: Observable(name, PARAMETERS[name] or "", title) for name, title in _PARAMETERS.items()
-}
+CATALOGUE: Registry[Observable] = Registry("observable")
+for _one in (*_OBSERVABLES, *(Observable(name, PARAMETERS[name] or "", title) for name, title in _PARAMETERS.items())):
+    CATALOGUE.own(_one.name, _one)
+
+
+def register_observable(
+    name: str, unit: str, words: str, find: Callable[[Analysis], Any], *, label: str = "",
+    cost: Literal["state", "velocities", "exponent"] = "state", told: bool = True,
+) -> Observable:  # fmt: skip
+    """Make a quantity known by its name: to sweeps and their tables, summaries, figures, scenes, and the command line.
+
+    Parameters
+    ----------
+    name : its name in files and data sets, a word of letters, digits and underscores.
+    unit : its SI unit; "1" for a number without a unit.
+    words : what it is, in a few words.
+    find : function of an :class:`Analysis` that returns its value in SI, of the shape of the load; None where there is none.
+    label : its name on axes and in the terminal; by default the name in words.
+    cost : what ``find`` asks for: only the "state", the "velocities" or moduli, or an "exponent". It decides which runs have
+        it: all, or those that find these.
+    told : whether the command line prints it.
+
+    Returns its entry. A scene that names it in ``observe`` finds what it asks for. Where ``find`` fails, or returns what has
+    not the shape of the load, the result leaves it out with a warning that names it; if a scene observes it, that is an
+    error. Raises :class:`InputError` for a name that is taken, or is no such word, for a unit that is no text, and for a
+    ``find`` that cannot be called.
+    """
+    texts: tuple[Any, ...] = (name, unit, words)
+    if not (all(isinstance(one, str) for one in texts) and name.isidentifier()):
+        what = f"the observable {brief(name)} has the unit {brief(unit)} and the words {brief(words)}"
+        raise InputError(what, mend="Give a word of letters, digits and underscores, and two texts")
+    require("cost", partial(choice, options=("state", "velocities", "exponent")), cost)
+    if not callable(find):
+        raise InputError(f"{brief(find)} finds no observable", mend="Give a function of an Analysis")
+    return CATALOGUE.add(name, Observable(name, unit, words, label, find=find, cost=cost, told=told))
 
 
 #: what parameters are called of a kind of ball
@@ -446,17 +485,38 @@ def entry_of(name: str, packing: Balls) -> Observable:
     return replace(entry, unit=unit, title=title, meaning=meaning)
 
 
-def find_all(of: Analysis, costs: Iterable[CostClass], swept: bool = False) -> dict[str, Any]:
+def find_all(of: Analysis, costs: Iterable[CostClass], swept: bool = False, observed: Container[str] = ()) -> dict[str, Any]:
     """Find the observables of these ``costs`` that the state has, in the order of the costs, as values in SI by name.
 
-    With ``swept`` only those that sweeps store.
+    With ``swept`` only those that sweeps store. Of those that were registered, one that fails is left out, and ``failed`` of
+    the analysis says why; if it is ``observed``, it is an error.
     """
     found = {}
     for cost in costs:
         for name, one in CATALOGUE.items():
             if one.cost == cost and one.find is not None and (one.swept or not swept):
-                found[name] = one.find(of)
+                found[name] = _find_added(of, one, observed) if CATALOGUE.is_added(name) else one.find(of)
     return {name: value for name, value in found.items() if value is not None}
+
+
+def _find_added(of: Analysis, one: Observable, observed: Container[str]) -> Any:
+    """Return the value of an observable that was registered; None where it has none, or fails."""
+    if one.cost != "state":
+        _ = of.velocities  # of a mechanism this is an error, and not of the observable
+    assert one.find is not None
+    try:
+        value, shape = one.find(of), np.shape(of.state.force)
+        if value is None:
+            return None
+        if np.shape(value) != shape:
+            raise ValueError(f"it has the shape {np.shape(value)}, and the load {shape}")
+        return np.asarray(value, float) if shape else float(value)
+    except Exception as error:
+        why = f"{CATALOGUE.describe(one.name)} fails: {type(error).__name__}: {error}"
+        if one.name in observed:
+            raise InputError(why, mend="Mend its function, or do not observe it") from error
+        of.failed[one.name] = one_line(f"{why}; it is left out")
+        return None
 
 
 def axis_label(name: str, unit: str | None = None) -> str:

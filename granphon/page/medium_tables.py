@@ -27,7 +27,7 @@ from granphon.laws.cluster import VALID_FORCE as VALID_CLUSTER_FORCE
 from granphon.laws.cluster import ClusterLaw
 from granphon.laws.effective import VALID_FORCE, EffectiveLaw
 from granphon.laws.spread import AveragedLaw
-from granphon.media.choice import EVERY_MEDIUM, MediumChoice
+from granphon.media.choice import MediumChoice, find_medium
 from granphon.media.cluster import ClusterMedium
 from granphon.media.state import Law
 
@@ -74,7 +74,7 @@ def tabulate_medium(
     """
     name = choice.name
     found: dict[str, Any] = {
-        "name": choice.label, "words": EVERY_MEDIUM[name].words, "table": None, "error": 0.0, "friction_error": 0.0,
+        "name": choice.label, "words": find_medium(name).words, "table": None, "error": 0.0, "friction_error": 0.0,
         "valid": 0.0, "note": "", "refusal": "",
     }  # fmt: skip
     if packing.structure.periods == 1:

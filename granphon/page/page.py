@@ -17,7 +17,7 @@ from granphon.base.errors import InputError, MechanismError
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
 from granphon.figures.style import colour_kinds
-from granphon.media.choice import EVERY_MEDIUM, MediumChoice
+from granphon.media.choice import MediumChoice, find_medium
 from granphon.media.state import NetworkState
 from granphon.networks.network import given_network
 from granphon.observables.validity import find_warnings
@@ -25,6 +25,7 @@ from granphon.page.bundle import fill_template
 from granphon.page.lattice_data import describe_lattice, describe_network
 from granphon.page.medium_tables import tabulate_medium
 from granphon.phonons.paths import BandPath
+from granphon.waves.settings import BandsSettings
 
 #: number of the layout of a page's data
 PAGE_SCHEMA = 1
@@ -52,8 +53,9 @@ def make_page(
 
 
 def describe_network_page(
-    source: Any, *, direction: Sequence[float] | None = None, remarks: Sequence[str] = ()
-) -> dict[str, Any]:
+    source: Any, *, direction: Sequence[float] | None = None, losses: BandsSettings | None = None,
+    remarks: Sequence[str] = (),
+) -> dict[str, Any]:  # fmt: skip
     """Return all that the page of a network computes from; it has no sliders but those of the mode.
 
     Balls are drawn with their radii, and kinds of balls with the names and colours of figures.
@@ -62,6 +64,7 @@ def describe_network_page(
     ----------
     source : the state of a crystal, a sample, or a :class:`~granphon.ContactNetwork` that repeats.
     direction : of sound, (p,); x by default.
+    losses : of contacts; the page then tells the Q factor of a mode, if they lose alike in all motions.
     remarks : sentences that the page shows, after what is doubtful about the network.
 
     Raises
@@ -101,8 +104,19 @@ def describe_network_page(
         "start": {
             "force": 1.0, "width": 0.0, **fixed, "mindlin": False, "overlap": False, "motions": lattice.named_motions.name,
         },
-        "remarks": [*find_warnings(state), *remarks],
+        "remarks": [*find_warnings(state), *remarks], "losses": _find_losses(losses),
     }  # fmt: skip
+
+
+def _find_losses(losses: BandsSettings | None) -> dict[str, float] | None:
+    """Return damping, s, and loss factor of all motions of contacts; None if none are given, or they differ."""
+    found = dict[str, float]()
+    for name, given in () if losses is None else (("damping", losses.damping), ("loss_factor", losses.loss_factor)):
+        normal, other = given if isinstance(given, tuple) else (given, given)
+        if normal != other:
+            return None
+        found[name] = normal
+    return found or None
 
 
 def describe_page(
@@ -113,6 +127,7 @@ def describe_page(
     finite_overlap: bool = False,
     path: BandPath | None = None,
     direction: Sequence[float] | None = None,
+    losses: BandsSettings | None = None,
     remarks: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Return all that a page computes from, as plain numbers and texts; SI units unless the key says otherwise.
@@ -126,6 +141,7 @@ def describe_page(
     finite_overlap : whether the page begins with the terms of relative order delta/d.
     path : the path of the bands, by default that of the lattice.
     direction : of sound, (p,); x by default.
+    losses : of contacts; the page then tells the Q factor of a mode, if they lose alike in all motions.
     remarks : sentences that the page shows.
 
     Raises
@@ -137,7 +153,7 @@ def describe_page(
     for choice in list(dict.fromkeys(media)) or [MediumChoice("ala")]:
         serving = choice.choose(packing, load.applied.flat[np.zeros(1, int)])[0].medium
         if serving != choice:
-            words = f"{EVERY_MEDIUM[serving.name].words} ({serving.label})"
+            words = f"{find_medium(serving.name).words} ({serving.label})"
             notes.append(f"At the first load the medium {choice.label} takes the {words}; the page keeps it at all loads.")
         chosen.append(serving)
     for value in (
@@ -192,5 +208,5 @@ def describe_page(
             "torsion": float(torsion), "mindlin": packing.torsion == MINDLIN, "bending": packing.bending,
             "overlap": bool(finite_overlap), "motions": packing.named_motions.name,
         },
-        "remarks": notes,
+        "remarks": notes, "losses": _find_losses(losses),
     }  # fmt: skip

@@ -7,6 +7,7 @@ is moved as a whole.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, overload
 
@@ -41,6 +42,7 @@ from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.rows import Row, contact_rows, push_rows
 from granphon.media.state import ContactState, Law, NetworkState, as_state, given_state
 from granphon.networks.network import ContactNetwork
+from granphon.phonons.ball_contacts import BallContacts
 from granphon.phonons.contacts import ContactFinder, keep_rows
 from granphon.phonons.phonopy_atoms import choose_symbols, name_balls
 
@@ -231,9 +233,12 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
     The state of one simulated sample serves two kinds of Atoms: the sample's own ``sample.atoms()``, whose contacts have the
     law of two balls, and ``gp.atoms(state)``, whose contacts have the mean law.
 
+    Any other Atoms, in m, have the calculator ``HertzMindlin({"A": ball, "B": ball})``, which is a
+    :class:`~granphon.BallContacts`.
+
     Parameters
     ----------
-    state : the state of the contacts, at one load.
+    state : the state of the contacts, at one load; or a mapping of kinds to balls.
 
     Raises
     ------
@@ -246,6 +251,10 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
 
     implemented_properties = ["energy", "free_energy", "forces", "stress"]
     discard_results_on_any_change = True
+
+    def __new__(cls, state: Any = None, *balls: Any, **options: Any) -> Any:
+        """Return a :class:`BallContacts` for a mapping of kinds of balls."""
+        return BallContacts(state, *balls, **options) if isinstance(state, Mapping) else super().__new__(cls)
 
     def __init__(self, state: ContactState, **unknown: Any) -> None:
         super().__init__(**unknown)

@@ -18,7 +18,7 @@ from phonopy.phonon.tetrahedron_method import get_integration_weights
 from phonopy.structure.atoms import PhonopyAtoms
 
 from granphon.balls.contact_table import touch_once_at_most
-from granphon.base.errors import InputError, brief
+from granphon.base.errors import InputError, brief, needing
 from granphon.base.scales import Units
 from granphon.base.text import counted
 from granphon.base.validation import grid_numbers, is_one_of, positive, real_array, whole_number
@@ -507,7 +507,8 @@ class Phonons:
 
     def _find_symmetry(self) -> Any:
         """Return spglib's dataset of the space or layer group, or None if the frequencies do not have that symmetry."""
-        import spglib
+        with needing("A mesh that is reduced by symmetry"):
+            import spglib
 
         p = self._periods
         if p == 1:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
@@ -45,39 +46,25 @@ _CHARGE = "balls carry no charge"
 _FILE = "phonopy symmetrises what it reads from such a file, and the rotational branch falls to zero; use Phonons.save"
 _UNGUARDED = "its copy would lose these guards and the force constants; make another Phonons(state, atoms)"
 
-#: reasons for which methods of phonopy.Phonopy would give a wrong answer for balls, and the names of these methods
+#: patterns of names of methods of phonopy.Phonopy that would give a wrong answer for balls, and the reasons
 _REASONS = (
-    (_SYMMETRY, "symmetrize_force_constants symmetrize_force_constants_by_space_group set_irreps run_irreps"),
-    (_DATASET, "generate_displacements produce_force_constants develop_mlp load_mlp save_mlp evaluate_mlp"),
-    (_QUANTA, "run_thermal_properties run_thermal_displacements run_thermal_displacement_matrices init_random_displacements "
-              "get_random_displacements_at_temperature init_dynamic_structure_factor run_dynamic_structure_factor "
-              "run_modulations write_animation set_Debye_frequency"),
-    (_VOLUME, "auto_band_structure auto_total_dos auto_projected_dos"),
-    (_FILE, "save to_phonopy_yaml"),
-    ("it counts three branches of sound for each atom in space; rotations and a layer have others", "get_Debye_frequency"),
-    ("it drops modes of negative frequency, so that modes at zero count or not as rounding has it", "run_moment"),
-    (_FIXED, "set_force_constants_zero_with_radius"),
-    (_UNGUARDED, "copy replicate ph2ph"),
-)  # fmt: skip
-#: refused methods, and the names of those that read their results
-_READERS = {
-    "run_irreps": "show_irreps write_yaml_irreps",
-    "run_modulations":
-        "get_modulated_supercells get_modulations_and_supercell write_modulations write_yaml_modulations",
-    "run_moment": "get_moment",
-    "run_dynamic_structure_factor": "get_dynamic_structure_factor",
-    "run_thermal_properties": "get_thermal_properties_dict plot_thermal_properties write_yaml_thermal_properties",
-    "run_thermal_displacements":
-        "get_thermal_displacements_dict plot_thermal_displacements write_yaml_thermal_displacements",
-    "run_thermal_displacement_matrices":
-        "get_thermal_displacement_matrices_dict write_thermal_displacement_matrix_to_cif "
-        "write_yaml_thermal_displacement_matrices",
-}  # fmt: skip
-#: methods of phonopy.Phonopy that would give a wrong answer for balls, each with the reason
+    (r"^symmetrize_|irreps", _SYMMETRY),
+    (r"^(generate_displacements|produce_force_constants)$|_mlp$", _DATASET),
+    (r"thermal|random_displacements|dynamic_structure_factor|modulat|animation|^set_Debye", _QUANTA),
+    (r"^auto_", _VOLUME),
+    (r"^(save|to_phonopy_yaml)$", _FILE),
+    (r"^get_Debye", "it counts three branches of sound for each atom in space; rotations and a layer have others"),
+    (r"moment$", "it drops modes of negative frequency, so that modes at zero count or not as rounding has it"),
+    (r"^set_force_constants_zero", _FIXED),
+    (r"^(copy|replicate|ph2ph)$", _UNGUARDED),
+)
+#: methods of the installed phonopy.Phonopy that would give a wrong answer for balls, each with the reason; those that read
+#: the results of such methods are among them
 REFUSED: dict[str, str] = {
-    **{name: reason for reason, names in _REASONS for name in names.split()},
-    **{name: f"it reads the result of {run}, which is refused" for run, names in _READERS.items() for name in names.split()},
-}
+    name: reason
+    for name in dir(Phonopy) if name[0] != "_" and callable(getattr(Phonopy, name))
+    for pattern, reason in _REASONS if re.search(pattern, name)
+}  # fmt: skip
 #: attributes that may be read but not set, each with the reason
 READ_ONLY: dict[str, str] = {
     **dict.fromkeys(("dataset", "displacements", "forces", "supercell_energies", "mlp", "mlp_dataset"), _DATASET),
@@ -117,6 +104,7 @@ class ContactPhonopy(Phonopy):  # type: ignore[misc]
 
 for _name, _reason in REFUSED.items():
     setattr(ContactPhonopy, _name, _refuse(_name, _reason))
+READ_ONLY = {_name: _reason for _name, _reason in READ_ONLY.items() if hasattr(Phonopy, _name)}
 for _name, _reason in READ_ONLY.items():
     _base = getattr(Phonopy, _name)
     setattr(ContactPhonopy, _name, property(_base.fget, _refuse(f"{_name} = ...", _reason), doc=_base.__doc__))

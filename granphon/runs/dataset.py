@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import PARAMETERS
-from granphon.base.errors import InputError, InstabilityError, MechanismError
+from granphon.base.errors import InputError, InstabilityError, MechanismError, needing
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import LIGHT_VELOCITY, LOAD_KINDS, find_load_unit
 from granphon.base.tables import Heading, write_table
@@ -102,10 +102,6 @@ _ZERO_OR_ABOVE = {
 _VELOCITIES = {"longitudinal", "transverse", "transverse_slow", "transverse_fast", "twist"}
 #: variables that are infinite for equal balls, or where no error is known
 _MAY_BE_INFINITE = {"reduced_force", "reduced_spacing", "expected_error", "mean_free_path", "damped_quality"}
-#: variables that are nan where a warning says that they are not known
-_MAY_BE_UNKNOWN = {name for name, one in CATALOGUE.items() if one.cost in _OF_WAVES}
-#: standard errors, nan where they are not known
-_ERRORS = {name for name, one in CATALOGUE.items() if one.sampled} | {"exponent_error"}
 #: attributes that hold a JSON text, and its type
 _JSON = {"packing": dict, "media": list, "versions": dict, "warnings": list}
 _WORDS = {dict: "mapping", list: "list"}
@@ -172,7 +168,8 @@ def make_frame(grid: Grid) -> Dataset:
     limit, in units of 1/d without 2 pi, and ``labels`` (s + 1,) the names of the corners.
     :class:`~granphon.base.errors.InputError` if there is no such path.
     """
-    from xarray import Dataset
+    with needing("A data set"):
+        from xarray import Dataset
 
     load, packing, asked = grid.load, grid.cases[0].packing, grid.asked
     finite = [one.has_finite_overlap(asked.finite_overlap) for one in grid.media]
@@ -240,7 +237,8 @@ def tabulate(
     packing: Packing, medium: str, force: Array, values: Mapping[str, Array], attributes: Mapping[str, Any]
 ) -> Dataset:
     """Return numbers of states of one medium over the contact force, each (n,), as a data set like that of a sweep."""
-    from xarray import Dataset
+    with needing("A data set"):
+        from xarray import Dataset
 
     variables: dict[str, Any] = {
         name: (("load", "medium"), array[:, None], _list_attributes(name, array, packing)) for name, array in values.items()
@@ -501,6 +499,8 @@ def _require_sense(path: str | os.PathLike[str], dataset: Dataset) -> None:
             raise InputError(what, mend="Run the sweep again") from None
     # velocities that balls with some of the motions do not have are nan, and pressures that some lattices do not have
     lacking = not {"motions", "torsion", "bending", "lattice"}.isdisjoint(dataset.coords)
+    errors = {name for name, one in CATALOGUE.items() if one.sampled} | {"exponent_error"}  # nan where not known
+    unknown = {name for name, one in CATALOGUE.items() if one.cost in _OF_WAVES or CATALOGUE.is_added(name)}  # likewise
     for name in map(str, dataset.variables):
         values = dataset[name].values
         if name not in CATALOGUE or not CATALOGUE[name].unit or values.dtype.kind == "b":
@@ -516,11 +516,11 @@ def _require_sense(path: str | os.PathLike[str], dataset: Dataset) -> None:
                 good |= values == np.inf
             if name in _ABOVE_ZERO:
                 good, allowed = good & (values > 0.0), "above zero"
-            elif name in _ZERO_OR_ABOVE or name in _ERRORS:
+            elif name in _ZERO_OR_ABOVE or name in errors:
                 good, allowed = good & (values >= 0.0), "zero or above"
             if name in _VELOCITIES:
                 good, allowed = good & (values < LIGHT_VELOCITY), f"{allowed}, and below the velocity of light"
-            if name in _ERRORS | _MAY_BE_UNKNOWN:
+            if name in errors | unknown:
                 good |= np.isnan(values)
             wrong = None if np.all(good) else f"of which one is {values[~good].flat[0]:g}; allowed: {allowed}"
         if wrong is not None:

@@ -20,6 +20,7 @@ from typing import NamedTuple, Protocol
 
 from granphon.base.errors import GranphonError, OutputError
 from granphon.base.progress import Progress, Step, silent
+from granphon.base.registry import list_added
 from granphon.runs.store import Store, TaskResult, decode, encode
 from granphon.runs.workers import InProcess, check_workers, client_of, count_calls, packages, require_packages
 
@@ -71,13 +72,21 @@ class Result(NamedTuple):
     seconds: float
 
 
-def advance(orders: Sequence[tuple[Task, bytes | None]], wanted: Mapping[str, str]) -> list[Result]:
+def advance(
+    orders: Sequence[tuple[Task, bytes | None]], wanted: Mapping[str, str], added: Sequence[str] = ()
+) -> list[Result]:
     """Do, in a worker, the next step of each task after those in its entry, and return the results of the first tasks.
 
-    Packages must have the versions that are ``wanted``. After ``CALL_SECONDS`` nothing more is begun. An error of the first
-    task is raised; that of a later one ends the call before it, and it will come again as the first.
+    Packages must have the versions that are ``wanted``, and observables that were ``added`` must be known. After
+    ``CALL_SECONDS`` nothing more is begun. An error of the first task is raised; that of a later one ends the call before
+    it, and it will come again as the first.
     """
     require_packages(f"the worker on {platform.node()}", packages(), wanted)
+    if missing := set(added).difference(list_added("observable")):
+        what = f"a worker does not know the observable {min(missing)!r}"
+        why = "It was registered in the process that began the work"
+        mend = "Register it by an entry point of granphon.plugins, or in a script above its if __name__ == '__main__'"
+        raise GranphonError(what, why, mend)
     results, begun = list[Result](), time.perf_counter()
     for task, entry in orders:
         before = time.perf_counter()
@@ -164,7 +173,7 @@ class _Work:
                         break
                     indices = self._take(most)
                     orders = [(self.tasks[index], self.begun.get(index)) for index in indices]
-                    future = executor.submit(advance, orders, packages(), **options)
+                    future = executor.submit(advance, orders, packages(), list_added("observable"), **options)
                     self.running[future] = indices
                     future.add_done_callback(ready.put)
                 try:

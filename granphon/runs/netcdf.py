@@ -5,6 +5,8 @@ from __future__ import annotations
 import io
 from typing import TYPE_CHECKING, Any
 
+from granphon.base.errors import needing
+
 if TYPE_CHECKING:
     from xarray import Dataset as Dataset
 
@@ -15,8 +17,9 @@ MOST_BYTES = 2_000_000_000
 
 def netcdf_bytes(dataset: Dataset) -> bytes:
     """Return the bytes of a netCDF file of the data set, made in memory because HDF5 does not survive a full disk."""
-    from h5netcdf import File  # type: ignore[import-untyped]
-    from xarray.backends import H5NetCDFStore
+    with needing("A netCDF file"):
+        from h5netcdf import File  # type: ignore[import-untyped]
+        from xarray.backends import H5NetCDFStore
 
     stream = io.BytesIO()
     with File(stream, "w") as file:
@@ -31,8 +34,9 @@ def open_bytes(data: bytes) -> Dataset:
     Raises ValueError if the file refers to other files or would fill the memory, and whatever HDF5, h5netcdf and xarray
     raise.
     """
-    import h5py
-    from xarray import open_dataset
+    with needing("A netCDF file"):
+        import h5py
+        from xarray import open_dataset
 
     def check(_: str, item: Any) -> None:
         group = isinstance(item, h5py.Group)

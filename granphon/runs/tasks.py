@@ -18,7 +18,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import islice
 from types import SimpleNamespace
 from typing import Any, Self
@@ -34,6 +34,7 @@ from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.parameters import Axis, combine
 from granphon.base.errors import ConvergenceError, GranphonError, InputError, MechanismError
+from granphon.base.registry import list_added
 from granphon.base.results import plain, read_only
 from granphon.base.text import counted
 from granphon.media.arrangement import Balls
@@ -41,8 +42,7 @@ from granphon.media.choice import MediumChoice, ServingMedium
 from granphon.media.cost import estimate
 from granphon.media.equilibria import sort_by_load
 from granphon.media.limits import Check
-from granphon.media.sampled_state import HISTORY_UNITS
-from granphon.media.simulation import DirectSimulation, SimulatedState
+from granphon.media.simulation import HISTORY_UNITS, DirectSimulation, SimulatedState
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import Analysis, find_all, warn_of_missing_error
 from granphon.observables.velocities import warn_of_free_branches
@@ -78,8 +78,13 @@ INCOMPLETE = "incomplete"
 
 
 def to_json(data: Any) -> str:
-    """Return plain data as a JSON text; equal data give the same text."""
-    return json.dumps(data, default=plain, sort_keys=True)
+    """Return plain data as a JSON text; equal data give the same text. An object of a user is its class and attributes."""
+
+    def write(value: Any) -> Any:
+        found = plain(value)
+        return found if found is not value else {"class": type(value).__qualname__} | getattr(value, "__dict__", {})
+
+    return json.dumps(data, default=write, sort_keys=True)
 
 
 # -- cases ------------------------------------------------------------------------------------------------------------
@@ -99,6 +104,7 @@ class Asked:
     bands : how contacts damp the bands; None for bands without loss alone.
     exponents : whether those of the velocities are, for which a simulation solves two more equilibria at each load.
     sound : whether a lattice that has no velocities, a mechanism, is an error; otherwise they are left out.
+    observed : the registered observables that must be found.
     alone : whether it is the only state. The balls of its samples are kept, for files and figures of them, and messages need
         not say which state they are about.
     """
@@ -112,6 +118,7 @@ class Asked:
     exponents: bool = True
     sound: bool = True
     alone: bool = False
+    observed: tuple[str, ...] = ()
 
     def find_path(self, structure: Lattice) -> tuple[Array, tuple[str, ...]] | None:
         """Find the points along the path of the bands, (s, p, 3), and the labels of its corners; None without bands."""
@@ -313,6 +320,7 @@ class MediumTask:
         data = {
             "packing": serving.packing, "medium": serving.medium, "load": serving.load, "asked": vars(self.asked),
             "chosen": serving.chosen_automatically, "schema": SWEEP_SCHEMA, "versions": packages(),
+            "added": list_added("observable"),
         }  # fmt: skip
         return f"{serving.medium.name}-{hashlib.sha256(to_json(data).encode()).hexdigest()}"
 
@@ -380,18 +388,19 @@ class MediumTask:
         notes: list[Check | str] = [
             one for one in analysis.validity.checks if one.failing or self.serving.chosen_automatically
         ]
-        out = find_all(analysis, ("state",), swept=True)
+        find = partial(find_all, analysis, swept=True, observed=asked.observed)
+        out = find(("state",))
         try:
             # a floor or clamp holds the balls, which long waves move
             if asked.sound or (self.serving.packing.repeats and not state.is_held):
-                out |= find_all(analysis, ("velocities",), swept=True)
+                out |= find(("velocities",))
                 notes += warn_of_free_branches(state, analysis.velocities.velocities)
         except MechanismError as error:
             if asked.sound:
                 raise
             notes.append(f"velocities and moduli are left out: {error}")
-        out |= find_all(analysis, ("exponent",), swept=True) if asked.exponents else {}
-        notes += warn_of_missing_error(out)
+        out |= find(("exponent",)) if asked.exponents else {}
+        notes += [*warn_of_missing_error(out), *analysis.failed.values()]
         found = {name: np.asarray(value)[None] if state.is_single else np.asarray(value) for name, value in out.items()}
         # in the paper's limit one dispersion relation serves all loads, unless the torsion is that of a Hertz contact
         way = asked.find_path(self.serving.packing.structure)

@@ -277,6 +277,11 @@ class Plan:
         if self.surface is not None and "surface" in seen:
             axis = self.surface.axis if isinstance(self.surface.axis, int) else " ".join(map(str, self.surface.axis))
             rows.append(("surface", f"axis {axis}, {self.surface.edge}", ""))
+        if self.response is not None and "response" in seen:
+            of, places = self.response, (("source", self.response.source), ("receiver", self.response.receiver))
+            rows += [("response", of.quantity, ""), ("frequencies of the response", of.frequencies, "Hz")]
+            rows += [(name, ", ".join(texts), "") for name, texts in places]
+            rows += [("damping of contacts", of.damping, "s"), ("loss factor of contacts", of.loss_factor, "")]
         rows += [("mesh", " x ".join(map(str, self.mesh)), "")] * ("dos" in seen)
         return [row for row in rows if row[1] is not None]
 
@@ -342,6 +347,7 @@ class Plan:
             surface=self.surface if "surface" in self.observe else None,
             bands=self.bands if "bands" in self.observe else None,
             sound=sound or not {"bands", "dos", "surface", *NETWORK_BLOCKS} & set(self.observe), alone=self.is_single,
+            observed=tuple(name for name in self.observe if name not in rules.OBSERVABLES),
         )  # fmt: skip
         return Grid(self.packing, self.axes, self.media, self.load.applied.flat, asked)
 

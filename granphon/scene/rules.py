@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granphon.balls.ball import Ball
-from granphon.balls.contact_laws import DMT, JKR, Hertz, PowerLaw, TabulatedLaw
+from granphon.balls.contact_laws import LAWS, TabulatedLaw
 from granphon.balls.diameters import Discrete, Measured, Normal, Uniform
 from granphon.balls.kinds import STRUCTURES
 from granphon.balls.lattices import LATTICES, TRIANGULAR, Lattice, as_direction, find_lattice
@@ -29,12 +29,10 @@ from granphon.balls.packing import MINDLIN
 from granphon.balls.parameters import KIND_PARAMETERS, PARAMETERS, Axis, find_double, find_unit
 from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import (
-    ADHESION,
     DENSITY,
     FREQUENCY,
     INERTIA,
     LENGTH,
-    LOADS,
     MASS,
     MODULUS,
     PUSH,
@@ -64,6 +62,7 @@ from granphon.base.validation import (
     zero_or_above,
 )
 from granphon.media.choice import MEDIA, MediumChoice, read_medium
+from granphon.observables.catalogue import CATALOGUE
 from granphon.waves.drives import read_drives, write_drives
 from granphon.waves.settings import NETWORK_BLOCKS, ascending
 
@@ -259,7 +258,7 @@ def read_lattice(value: Any) -> str | Lattice:
     if value == "hexagonal":
         raise Refused("'hexagonal'", allowed, "Did you mean 'triangular', with six neighbours?")
     try:
-        return choice(value, tuple(LATTICES))
+        return choice(value, LATTICES)
     except Refused as refused:
         raise Refused(refused.found, allowed, refused.mend) from None
 
@@ -267,7 +266,7 @@ def read_lattice(value: Any) -> str | Lattice:
 def write_lattice(lattice: str | Lattice) -> str | dict[str, Any]:
     """Return the name of a built-in lattice, or the block of another."""
     structure = find_lattice(lattice)
-    if LATTICES.get(structure.name) == structure:
+    if LATTICES.peek(structure.name) == structure:
         return structure.name
     return {"name": structure.name, "cell": structure.vectors.tolist(), "sites": [list(site) for site in structure.sites]}
 
@@ -424,15 +423,27 @@ def read_schema(value: Any) -> int:
 
 
 def read_observables(value: Any) -> tuple[str, ...]:
-    """Read the names of what a scene observes, each once; they are returned in the order of ``OBSERVABLES``."""
-    allowed = "a list of one or more of " + ", ".join(OBSERVABLES)
+    """Read the names of what a scene observes, each once; they are returned in the order of ``OBSERVABLES``.
+
+    Registered observables come behind these, and bring the velocities with them if they are found from these.
+    """
+    added = {name: one.cost for name, one in CATALOGUE.items() if CATALOGUE.is_added(name)}
+    every = (*OBSERVABLES, *added)
+    allowed = "a list of one or more of " + ", ".join(every)
     if not isinstance(value, list | tuple) or not value:
-        mend = f"Did you mean [{value}]?" if is_one_of(value, OBSERVABLES) else ""
+        mend = f"Did you mean [{value}]?" if isinstance(value, str) and value in every else ""
         raise Refused(show(value) if value != [] else "an empty list", allowed, mend)
-    names = tuple(choice(name, OBSERVABLES) for name in value)
+    for name in value:
+        try:
+            choice(name, every)
+        except Refused as refused:
+            raise Refused(refused.found, refused.allowed, refused.mend or CATALOGUE.failures) from None
+    names = list(value)
     if double := [name for name in names if names.count(name) > 1]:
         raise Refused(f"{double[0]!r} twice", allowed + ", each once")
-    return tuple(name for name in OBSERVABLES if name in names)
+    if any(added.get(name, "state") != "state" for name in names):
+        names.append(OBSERVABLES[0])
+    return tuple(name for name in every if name in names)
 
 
 def grid_kind(examples: Sequence[str], low: int, high: int, low_in_space: int) -> Kind:
@@ -481,22 +492,20 @@ def read_directions(value: Any, lattice: Lattice) -> tuple[Any, ...]:
 _MATERIAL = ("young_modulus", "poisson_ratio", "density", "yield_strength")
 
 
-def _column(quantity: Quantity) -> Kind:
-    return Kind.plain(
-        partial(each, rule=quantity.read, what="values"), lambda values: [quantity.write(one) for one in values]
-    )
+def _law_numbers(name: str) -> dict[str, Kind]:
+    """Return how the numbers of the contact law of a name are read and written."""
 
+    def kind(given: Any) -> Kind:
+        if isinstance(given, Quantity):
+            return quantity(given)
+        if isinstance(given, tuple):
+            (one,) = given
+            return Kind.plain(
+                partial(each, rule=one.read, what="values"), lambda values: [one.write(value) for value in values]
+            )
+        return Kind.plain(given, float)
 
-_ADHESION = {"adhesion": Kind.plain(ADHESION.read, ADHESION.write)}
-#: the laws by their words in a scene, and how their numbers are read and written
-_LAWS: dict[str, tuple[type[Any], dict[str, Kind]]] = {
-    "hertz": (Hertz, {}),
-    "power": (PowerLaw, {name: Kind.plain(above_zero, float) for name in ("exponent", "coefficient")}),
-    "dmt": (DMT, _ADHESION),
-    "jkr": (JKR, _ADHESION),
-    "tabulated": (TabulatedLaw, {"overlap": _column(LOADS["overlap"]), "force": _column(PUSH)}),
-}
-_ALLOWED_LAW = f"{', '.join(_LAWS)}, with its numbers, or a block of pairs of kinds, as {{A B: hertz}}"
+    return {key: kind(given) for key, given in LAWS[name].numbers.items()}
 
 
 # -- kinds of balls ---------------------------------------------------------------------------------------------------
@@ -621,27 +630,32 @@ def _read_replaced(value: Any) -> tuple[tuple[int, str], ...]:
 def _read_law(value: Any) -> Any:
     """Read a law, or a block of pairs of kinds with a law for each; returns the law, or items of pairs."""
     name, given = next(iter(value.items())) if isinstance(value, dict) and len(value) == 1 else (value, {})
-    if is_one_of(name, _LAWS):
-        made, rules = _LAWS[name]
-        found = read_inside(name, partial(block, rules={key: one.rule(Context()) for key, one in rules.items()},
-                                          needed=tuple(rules)), given or {})  # fmt: skip
+    if isinstance(name, str) and name in LAWS:
+        rules = {key: one.rule(Context()) for key, one in _law_numbers(name).items()}
+        found = read_inside(name, partial(block, rules=rules, needed=tuple(rules)), given or {})
         with refusing(given or name, f"numbers of the law {name}", name):
-            return made(**found)
+            made = LAWS[name].law
+            return made(**found) if isinstance(made, type) else made
     if not isinstance(value, dict) or not all(isinstance(pair, str) and len(pair.split()) == 2 for pair in value):
-        raise Refused(show(value), _ALLOWED_LAW)
+        allowed = f"{', '.join(LAWS)}, with its numbers, or a block of pairs of kinds, as {{A B: hertz}}"
+        raise Refused(show(value), allowed, LAWS.failures)
     return tuple((tuple(pair.split()), read_inside(pair, _read_law, one)) for pair, one in value.items())
 
 
 def _write_law(law: Any) -> Any:
     if isinstance(law, tuple):
         return {" ".join(pair): _write_law(one) for pair, one in law}
-    for name, (made, rules) in _LAWS.items():
-        if type(law) is made:
-            fields = {key: f"{key}s" if made is TabulatedLaw else key for key in rules}
-            numbers = {key: rules[key].write(getattr(law, field), Context()) for key, field in fields.items()}
+    for name, known in LAWS.items():
+        if law is known.law:
+            return name
+        if type(law) is known.law:
+            fields = {key: f"{key}s" if known.law is TabulatedLaw else key for key in known.numbers}
+            kinds = _law_numbers(name)
+            numbers = {key: kinds[key].write(getattr(law, field), Context()) for key, field in fields.items()}
             return {name: numbers} if numbers else name
     what = f"the law {law!r}"
-    raise InputError(what, "A scene file has no words for it", f"Use {', '.join(_LAWS)}, or granphon.sweep")
+    mend = f"Use {', '.join(LAWS)}, granphon.register_law for your own, or granphon.sweep"
+    raise InputError(what, "A scene file has no words for it", mend)
 
 
 def _read_any_motions(value: Any) -> str:

@@ -117,10 +117,6 @@ _EXTENTS = (
     "front_velocity", "peak_velocity", "greatest_force", "energy_lost",
     *(f"ioffe_regel_{name}" for name in POLARISATIONS),
 )  # fmt: skip
-#: what the summary of one state says of the waves in its samples, or at its edge, where it is known
-_OF_WAVES = [
-    name for name, one in CATALOGUE.items() if one.cost in ("pulse", "spectrum", "surface", "network") and not one.dims
-]
 
 
 def list_files(scene: Plan) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -267,7 +263,10 @@ class RunResult:
             out["pulse_distance"] = self.waves.pulse.distance
         if "response_phase" in self.dataset:
             out["peaks"] = self._list_peaks()
-        known = {name: self.dataset[name].item() for name in _OF_WAVES if name in self.dataset}
+        # of the waves in its samples, in its network or at its edge, what is known
+        costs = ("pulse", "spectrum", "surface", "network")
+        of_waves = [name for name, one in CATALOGUE.items() if one.cost in costs and not one.dims]
+        known = {name: self.dataset[name].item() for name in of_waves if name in self.dataset}
         return out | {name: value for name, value in known.items() if np.isfinite(value)}
 
     def _list_peaks(self) -> dict[str, list[dict[str, float]]]:
@@ -481,8 +480,6 @@ def write_numbers(result: Any, place: Path, advance: Callable[[int], None]) -> N
 
     Those of the scene and the summary are not among them, nor those that are ``left_out``.
     """
-    from granphon.runs.motion_records import motion_bytes, write_contacts  # imported here: a run of a scene alone needs them
-
     for name in list_files(result.scene)[0]:
         path, stem = place / name, name.partition(".")[0]
         match name:
@@ -493,8 +490,12 @@ def write_numbers(result: Any, place: Path, advance: Callable[[int], None]) -> N
             case "sweep.nc":  # and sweep.csv beside it
                 write_sweep(result.dataset, path)
             case "motion.nc":
+                from granphon.runs.motion_records import motion_bytes  # imported here: other runs do not need it
+
                 path.write_bytes(motion_bytes(result.waves.motion))
             case "motion_contacts.csv":
+                from granphon.runs.motion_records import write_contacts
+
                 write_contacts(result.waves.motion, path, result.scene.motion)
             case _ if stem in ("sweep_dos", "sweep_spectra", "damped_bands", *NETWORK_BLOCKS):
                 write_waves(result.dataset, path)

@@ -211,6 +211,10 @@ def test_loose_balls_are_set_aside(force):
     if force == 0.5:  # two rattlers of 64 balls
         bare = gp.sound_velocities(network.without_rattlers(), direction=(1, 0))
         assert_allclose(bare.velocities, sound.velocities, rtol=1e-5)
+    found = lattice.frequencies([[0.1, 0.2]])
+    matrix = lattice.dynamical_matrix([[0.1, 0.2]])
+    assert np.all(found[0, :count] == 0.0)
+    assert_allclose(found[0, count:] ** 2, np.linalg.eigvalsh(matrix)[0, count:], rtol=1e-9)
     pulse = gp.pulse_velocities(network, 300.0, (1, 0))
     assert np.all(pulse.group < [sound.longitudinal, sound.transverse])
     assert np.all(pulse.group > 0.9 * np.array([sound.longitudinal, sound.transverse]))

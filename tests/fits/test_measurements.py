@@ -13,6 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import granphon as gp
 from granphon.balls.loads import force_of_frame
 from granphon.base.errors import InputError
+from granphon.base.tables import Table
 from granphon.fits.fit import convert_cutoff
 from granphon.fits.measurements import Measurements, read_sigma
 
@@ -200,6 +201,10 @@ MEASURED = sorted((Path(__file__).parents[2] / "examples" / "measured").glob("*.
 def test_measured_data_have_a_source_and_a_scene(table):
     assert re.search(r"^# Source: \w", table.read_text(encoding="utf-8"), re.MULTILINE)
     scene = gp.Scene.from_yaml(table.with_suffix(".yaml"))
+    if "magnitude" in Table.read(table):
+        assert scene.response is not None
+        assert np.all(gp.TransferFunction.read(table).frequencies > 0.0)
+        return
     frame = partial(force_of_frame, balls_per_side=scene.load.balls_per_side or 1)
     carried = partial(convert_cutoff, scene.packing, "longitudinal", None, False, ())
     data = Measurements.read(table, frame=frame, carried=carried)

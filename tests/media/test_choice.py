@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import granphon as gp
 from granphon.balls.loads import Load
 from granphon.base.errors import InputError
-from granphon.media.choice import MEDIA, OPTIONS, MediumChoice
+from granphon.media.choice import MEDIA, MediumChoice
 
 CLASSES = {
     "ala": gp.AveragedLattice, "afa": gp.AveragedForce, "ema": gp.EffectiveMedium, "simulation": gp.DirectSimulation,
@@ -30,7 +30,7 @@ def test_a_name_is_the_medium_of_that_class(packing, name):
 
 @pytest.mark.parametrize("name", CLASSES)
 def test_defaults_are_those_of_the_class_and_are_not_kept(packing, name):
-    defaults = {option: known.default for option, known in OPTIONS[name].items()}
+    defaults = {option: known.default for option, known in MEDIA[name].options.items()}
     said = {option: value for option, value in defaults.items() if value is not None}
     given = MediumChoice.parse({name: said})
     assert given == MediumChoice(name)

@@ -13,7 +13,7 @@ import granphon as gp
 from granphon.balls.loads import Load
 from granphon.cli.wording import describe_result
 from granphon.figures.curves import plot_sweep
-from granphon.observables.catalogue import CATALOGUE, Analysis, Observable, axis_label, find_all
+from granphon.observables.catalogue import CATALOGUE, Analysis, axis_label, find_all
 from granphon.scene.scene import Scene
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
@@ -21,14 +21,13 @@ PACKING = gp.Packing(STEEL, 8e-3, spread=gp.Uniform(2e-6))
 
 
 @pytest.fixture
-def impedance(monkeypatch):
+def impedance():
     """A new observable, by its entry alone: density times longitudinal velocity."""
-    entry = Observable(
-        "impedance", "Pa s/m", "acoustic impedance of longitudinal waves", cost="velocities", told=True,
-        find=lambda of: of.state.effective_density * of.velocities.longitudinal,
+    yield gp.observables.register(
+        "impedance", "Pa s/m", "acoustic impedance of longitudinal waves",
+        lambda of: of.state.effective_density * of.velocities.longitudinal, cost="velocities",
     )  # fmt: skip
-    monkeypatch.setitem(CATALOGUE, entry.name, entry)
-    return entry
+    CATALOGUE.remove("impedance")
 
 
 def expected(force):

@@ -16,6 +16,7 @@ import granphon as gp
 from granphon.balls.lattices import LATTICES
 from granphon.media.choice import MediumChoice
 from granphon.page.page import make_page
+from granphon.waves.settings import BandsSettings
 from tests.page import browser
 from tests.page.test_page import BALLS, FORCE, SOLVE, check_agreement, draw_settings, lattice_data
 
@@ -199,6 +200,23 @@ def test_a_click_on_a_branch_shows_its_mode(chromium, folder):
             abs=0.02,
         )
         assert page.inner_text("#mode-words").startswith("Branch 3 of 3")
+
+
+def test_a_mode_tells_the_q_factor_of_its_losses(chromium, tmp_path):
+    losses, balls = BandsSettings(5e-7, 0.02), replace(BALLS, lattice="square")
+    (tmp_path / "losses.html").write_text(make_page(balls, (), FORCE, losses=losses), encoding="utf-8")
+    with Visit(chromium, tmp_path / "losses.html") as page:
+        page.wait_for_function(DRAWN)
+        page.evaluate("() => granphon.change({ branch: 2 })")
+        page.wait_for_timeout(REST)
+        q = page.evaluate("() => current.path.points[current.selected.point].slice(0, 2)")
+        told = page.inner_text("#mode-words")
+        page.evaluate("() => granphon.change({ overlap: true })")
+        page.wait_for_timeout(REST)
+        assert ", Q " not in page.inner_text("#mode-words")  # static forces: contacts no longer lose all alike
+    state = gp.AveragedLattice(balls).at_force(float(FORCE.array))
+    exact = gp.Phonons(state).damped([q], losses.damping, losses.loss_factor).quality[0, 2]
+    assert float(re.search(r", Q ([0-9.]+[0-9])", told)[1]) == pytest.approx(exact, rel=6e-3)
 
 
 def test_balls_move_until_they_are_stopped(chromium, folder):

@@ -387,3 +387,19 @@ def test_frictionless_balls_have_an_idle_band():
     run = smooth.phonopy.run_qpoints(Q)
     np.testing.assert_allclose(run.frequencies[:, 0], 0.0, atol=1e-15)
     np.testing.assert_allclose(run.frequencies[:, 1:], reduced(smooth, Q), rtol=1e-12)
+
+
+def test_nothing_that_phonopy_takes_away_is_used(tmp_path):
+    """Bands, densities of states, files: what phonopy 5 removes warns in phonopy 4, and warnings are errors."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = phonons(lattice="fcc", friction=True)
+        bands = found.bands(npoints=5)
+        assert found.dos(mesh=(4, 4, 4)).total.max() > 0.0
+        found.save(tmp_path / "phonopy_params.yaml")
+        bridge, scales = gp.load_phonopy(tmp_path / "phonopy_params.yaml")
+        again = bridge.run_qpoints(bands.qpoints[0]).frequencies * scales.frequency
+        assert bridge.run_mesh([3, 3, 3]).frequencies.shape[1] == bands.frequencies.shape[-1]
+        np.testing.assert_allclose(again, bands.frequencies[0], atol=1e-6 * bands.frequencies.max())
+        with pytest.raises(DeprecationWarning):
+            bridge.get_frequencies([0.1, 0.2, 0.3])

@@ -6,6 +6,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.base.errors import SceneError
+from granphon.cli.commands import main
 from granphon.runs.dataset import load_sweep
 from granphon.scene.redraw import redraw
 from granphon.waves.response import find_peaks
@@ -221,3 +222,10 @@ def test_a_loss_factor_of_all_contacts_is_the_inverse_of_q(tmp_path):
     assert_allclose(data["damped_quality"].values[moving], 50.0, rtol=1e-3)
     with pytest.raises(SceneError, match="zero or above"):
         scene(text, FORCE="20 N", LOSS="-0.02")
+
+
+def test_check_says_what_is_driven_and_heard(tmp_path, capsys):
+    (tmp_path / "scene.yaml").write_text(ARRAY.replace("FORCE", "20 N"))
+    assert main(["check", str(tmp_path / "scene.yaml")]) == 0
+    said = capsys.readouterr().out
+    assert all(word in said for word in ("velocity", "2 kHz to 9 kHz", "2e-06, 1e-06 s", "response.csv", "response.png"))

@@ -68,7 +68,7 @@ function redraw(points = null) {
   if (!problem) bands = computeBands(lattice, path.points);
   const top = bands.values.reduce((most, one) => (one > most ? one : most), 0);
   const [prefix, size] = choosePrefix(top * hertz || hertz);
-  const unit = { name: `${prefix}Hz`, scale: hertz / size };
+  const unit = { name: `${prefix}Hz`, scale: hertz / size, hertz };
   const selected = { point: nearestPoint(path), branch: state.branch };
   const byEdge = Boolean(state.edges && bands.edges);
   current = { contact, lattice, path, bands, unit, selected, top, byEdge, dos: null };
@@ -128,7 +128,19 @@ function drawMode() {
   byId("mode-words").textContent = `Branch ${selected.branch + 1} of ${lattice.branches} at q = (` +
     `${q.slice(0, data.lattice.periods).map((one) => one.toFixed(3)).join(", ")}): ` +
     (Number.isNaN(value) ? "it buckles" : `${printNumber(value)} ${unit.name}, ${turning} % of the energy in rotation`) +
+    printQuality(2 * Math.PI * modes.values[selected.branch] * unit.hertz) +
     (modeView.renderer ? "" : ". This browser has no WebGL, which the moving picture needs");
+}
+
+// Q of a mode of the angular frequency w without losses, 1/s, from its complex one, whose square is w² (1 + i eta + i tau omega)
+function printQuality(w) {
+  const { loss_factor: eta, damping: tau } = data.losses ?? {};
+  if (!(eta || tau) || !(w > 0) || (data.fixed ? data.fixed.push : state.overlap)) return "";
+  const creep = 0.5 * tau * w * w;
+  const real = w * w - creep * creep, imaginary = eta * w * w;
+  const size = Math.hypot(real, imaginary), root = Math.sqrt(0.5 * (size + real));
+  const lost = root ? imaginary / (2 * root) : Math.sqrt(size);
+  return `, Q ${printNumber(root / (2 * (creep + lost)), 3)}`;
 }
 
 function showProblems(problem, bands, path, lattice) {

@@ -1,0 +1,133 @@
+"""Tables of what has a name: lattices, contact laws, media, observables and readers of files, which plug-ins add to.
+
+Each table is a :class:`Registry`. granphon's own entries come into it by the same call as those of others. A package that
+adds some names a function in its entry points of the group ``granphon.plugins``, which calls ``granphon.register_...``;
+a module will do, which does so when it is imported. Plug-ins are loaded when a table is asked for a name that it does not
+have, or for all that it has: what does not ask pays nothing. One that fails adds nothing, and errors about unknown names
+say which and why.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator, Mapping
+from typing import Any, TypeVar
+
+from granphon.base.errors import InputError, one_line
+from granphon.base.validation import label, require
+
+T = TypeVar("T")
+#: group of the entry points
+GROUP = "granphon.plugins"
+#: who adds an entry: granphon itself, or a program; a plug-in is named
+_GRANPHON, _PROGRAM = "granphon", "the program"
+
+
+class Registry(Mapping[str, T]):
+    """What is known of one kind by its name, in the order in which it was added; ``what`` is the kind in words."""
+
+    #: every registry, by its kind
+    every: dict[str, Registry[Any]] = {}
+
+    def __init__(self, what: str) -> None:
+        self.what, self._entries, self._sources = what, dict[str, T](), dict[str, str]()
+        self.every[what] = self
+
+    def own(self, name: str, entry: T) -> T:
+        """Add an entry of granphon, and return it."""
+        self._entries[name], self._sources[name] = entry, _GRANPHON
+        return entry
+
+    def add(self, name: str, entry: T) -> T:
+        """Add an entry, and return it; it replaces one of the same name that the same plug-in, or the program, has added.
+
+        Raises :class:`~granphon.base.errors.InputError` if granphon or another plug-in has one of this name.
+        """
+        require(f"the name of a {self.what}", label, name)
+        source = _plugins.loading or _PROGRAM
+        if (holder := self._sources.get(name, source)) != source:
+            what = f"there is a {self.what} {name!r} already, of {holder}"
+            raise InputError(what, mend="Give another name")
+        self._entries[name], self._sources[name] = entry, source
+        return entry
+
+    def remove(self, name: str) -> None:
+        """Take out an entry that was added; nothing if there is none of this name."""
+        if self.is_added(name):
+            del self._entries[name], self._sources[name]
+
+    def peek(self, name: str) -> T | None:
+        """Return the entry of a name if it is there by now: nothing is loaded for it."""
+        return self._entries.get(name)
+
+    def is_added(self, name: str) -> bool:
+        """Whether an entry is there that is not granphon's own."""
+        return self._sources.get(name, _GRANPHON) != _GRANPHON
+
+    def describe(self, name: str) -> str:
+        """Return an entry in words, with the plug-in that has added it: "the observable 'impedance' of the plug-in x"."""
+        source = self._sources[name]
+        return f"the {self.what} {name!r}" + f" of {source}" * (source not in (_GRANPHON, _PROGRAM))
+
+    @property
+    def failures(self) -> str:
+        """A sentence on plug-ins that failed, one of which may have what is not found here; empty if none has."""
+        failed = [f"{name} could not be loaded: {one_line(why)}" for name, why in load_plugins().items() if why]
+        return "; ".join(failed)[:1].upper() + "; ".join(failed)[1:]
+
+    def drop(self, source: str) -> None:
+        """Take out all entries of a plug-in."""
+        for name in [name for name, one in self._sources.items() if one == source]:
+            del self._entries[name], self._sources[name]
+
+    def __getitem__(self, name: str) -> T:
+        if name not in self._entries:
+            load_plugins()
+        return self._entries[name]
+
+    def __iter__(self) -> Iterator[str]:
+        load_plugins()
+        return iter(tuple(self._entries))
+
+    def __len__(self) -> int:
+        load_plugins()
+        return len(self._entries)
+
+
+class _Plugins(threading.local):
+    """What is loading, in this thread."""
+
+    loading = ""
+
+
+_plugins, _lock = _Plugins(), threading.RLock()
+#: plug-ins that were loaded, each with why it failed; None where it did not, or has not ended
+_loaded: dict[str, str | None] = {}
+
+
+def load_plugins() -> dict[str, str | None]:
+    """Load the plug-ins that are installed, once; return them in words, each with why it failed, or None."""
+    with _lock:
+        if not _loaded:
+            _loaded["granphon"] = None  # a plug-in that asks for names meets those that are there
+            from importlib.metadata import entry_points  # which takes 30 ms
+
+            for point in entry_points(group=GROUP):
+                source = f"the plug-in {point.name}" + (f" of {point.dist.name}" if point.dist else "")
+                _plugins.loading, _loaded[source] = source, None
+                try:
+                    found = point.load()
+                    if callable(found):
+                        found()
+                except Exception as error:
+                    _loaded[source] = f"{type(error).__name__}: {error}"
+                    for one in Registry.every.values():
+                        one.drop(source)
+                finally:
+                    _plugins.loading = ""
+        return {name: why for name, why in _loaded.items() if name != "granphon"}
+
+
+def list_added(what: str) -> tuple[str, ...]:
+    """Return the names of a kind that plug-ins and the program have added."""
+    return tuple(sorted(name for name in Registry.every[what] if Registry.every[what].is_added(name)))

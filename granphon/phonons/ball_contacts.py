@@ -1,0 +1,265 @@
+"""The ASE calculator of any balls in contact, in SI, and what ASE finds by granphon's entry points.
+
+Balls are Atoms whose lengths are in m. Each has a radius and a kind; which balls touch, and how far they overlap, follows
+from their places, and the force from the contact law of the two. ASE calls the files of tables and dumps of networks by the
+formats ``granphon-tables`` and ``granphon-lammps``, and finds the calculators as plug-ins.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from contextlib import suppress
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from ase import Atoms
+from ase.calculators.calculator import Calculator, all_changes
+from ase.neighborlist import primitive_neighbor_list
+from ase.utils.plugins import ExternalIOFormat
+from numpy.typing import NDArray
+
+from granphon.balls.ball import Ball, ContactConstants
+from granphon.balls.contact_laws import Hertz, PairLaw, check_law, find_law, law_between, opening_overlap
+from granphon.balls.material import Material
+from granphon.base.errors import InputError, brief
+from granphon.media.crystal_statics import Springs
+from granphon.networks.network import ContactNetwork
+from granphon.phonons.phonopy_atoms import choose_symbols
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+#: rows and columns of a matrix in Voigt order
+_VOIGT = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
+
+
+class BallContacts(Calculator):  # type: ignore[misc]
+    """ASE calculator of any balls, in SI: Atoms in m, energy in J, forces in N, stress in Pa.
+
+    A contact has the energy of the law of its two balls at the overlap, the sum of the radii less the distance of the
+    centres, in the true direction. These are the normal forces, by which statics are found; they let balls roll and slide
+    freely. :meth:`contact_network` has the shear stiffness of Mindlin as well. Stress is over the volume of the cell as the
+    Atoms have it; there is none if that is zero.
+
+    :class:`~granphon.HertzMindlin` of a mapping of kinds returns one. ASE's optimisers move balls by forces over ``alpha``,
+    by ``maxstep`` at most, and stop at ``fmax``: give a stiffness (N/m), a part of the overlap (m) and a part of the force
+    of a contact (N).
+
+    Parameters
+    ----------
+    balls : a :class:`~granphon.Ball` or :class:`~granphon.Material` for each kind. The kind of each of the Atoms is in their
+        array ``kinds``, or else their chemical symbol; its radius is in the array ``radius``, m, or else that of the ball.
+    law : the contact law of all pairs, Hertz's by default, or one for each pair of kinds, as for a
+        :class:`~granphon.Crystal`.
+    friction : whether contacts of a network resist slip.
+
+    Raises
+    ------
+    InputError : no balls, or others; a law that is none. When used: Atoms of another kind, without radii, or with radii that
+        are not above zero; places that are not finite; a bond, which has no end and so no neighbours.
+    """
+
+    implemented_properties = ["energy", "free_energy", "forces", "stress"]
+    discard_results_on_any_change = True
+
+    def __init__(self, balls: Mapping[str, Ball | Material], law: Any = None, friction: bool = True) -> None:
+        super().__init__()
+        if not balls or not all(isinstance(one, Ball | Material) for one in balls.values()):
+            mend = 'Give a granphon.Ball or Material for each kind, as {"Na": ball}'
+            raise InputError(f"the balls are {brief(dict(balls))}", mend=mend)
+        self.balls, self.friction = dict(balls), friction
+        pairs = law if isinstance(law, Mapping) else {}
+        self._law = None if pairs else Hertz() if law is None else find_law(law)
+        self._laws = {frozenset(pair): find_law(one) for pair, one in pairs.items()}
+        self._known = dict[tuple[str, float, str, float], tuple[PairLaw, float]]()
+
+    def check_state(self, atoms: Atoms, tol: float = 1e-15) -> list[str]:
+        """Return the names of what has changed since the last calculation, radii and kinds among them."""
+        changes: list[str] = super().check_state(atoms, tol=tol)
+        old = self.atoms
+        own = ("radius", "kinds") if old is not None else ()
+        return changes + [name for name in own if not np.array_equal(old.arrays.get(name), atoms.arrays.get(name))]
+
+    def find_radii(self, atoms: Atoms) -> tuple[list[str], Array]:
+        """Return the kind of each ball, and their radii (n,), m."""
+        kinds = [str(one) for one in atoms.arrays.get("kinds", atoms.get_chemical_symbols())]
+        if missing := sorted(set(kinds) - set(self.balls)):
+            what = f"there is no ball for the kind {', '.join(missing)}"
+            raise InputError(what, mend="Give one for each kind in the array 'kinds', or each symbol")
+        radii = atoms.arrays.get("radius")
+        if radii is None:
+            own = {kind: getattr(self.balls[kind], "radius", None) for kind in set(kinds)}
+            if None in own.values():
+                what = "the Atoms have no array 'radius', and the kinds are materials"
+                raise InputError(what, mend="Set the radii, m, or give a granphon.Ball for each kind")
+            radii = np.array([own[kind] for kind in kinds])
+        radii = np.asarray(radii, float).reshape(len(kinds))
+        if not (np.all(np.isfinite(atoms.positions)) and np.all(np.isfinite(radii)) and np.all(radii > 0.0)):
+            raise InputError("the Atoms have a place that is not finite, or a radius that is not above zero")
+        return kinds, radii
+
+    def _find_law(self, kind: str, radius: float, other: str, wide: float) -> tuple[PairLaw, float]:
+        """Return the law of two balls, and kappa over k of their contacts."""
+        key = (kind, radius, other, wide)
+        if key not in self._known:
+            one, two = (self._make(name, size) for name, size in ((kind, radius), (other, wide)))
+            law, constants = self._laws.get(frozenset((kind, other)), self._law), ContactConstants.of(one, two)
+            if law is None:
+                what = f"law has none for contacts of {kind!r} and {other!r}"
+                raise InputError(what, mend="Give one for each pair of kinds that touch")
+            found = law_between(law, one, two)
+            check_law(found, constants.radius)
+            self._known[key] = found, constants.mindlin_ratio
+        return self._known[key]
+
+    def _make(self, kind: str, radius: float) -> Ball:
+        own = self.balls[kind]
+        return Ball(own if isinstance(own, Material) else own.material, 2.0 * radius, name=kind)
+
+    def find_contacts(self, atoms: Atoms) -> tuple[Index, Index, Index, Array, Springs, Array]:
+        """Return i, j and the shift of each contact, the vectors (n_c, 3) between centres, m, the laws, and kappa/k."""
+        kinds, radii = self.find_radii(atoms)
+        keys = list(zip(kinds, radii.tolist(), strict=True))
+        every = list(dict.fromkeys(keys))
+        number = {key: at for at, key in enumerate(every)}
+        code, unit = np.array([number[key] for key in keys], np.intp), 2.0 * float(np.mean(radii)) if keys else 1.0
+        # balls that adhere touch until they are this much apart: Hertz's are cheap to tell
+        apart = 0.0
+        if not (not self._laws and isinstance(self._law, Hertz)):
+            ends = [opening_overlap(self._find_law(*one, *two)[0]) for one in every for two in every]
+            apart = -min([0.0, *ends])
+        if math.isinf(apart):
+            raise InputError("a bond has no end, and so no neighbours", mend="Give a law with a least_overlap")
+        reach = (radii + 0.5 * apart) / unit * (1.0 + 1e-12)
+        i, j, shift = primitive_neighbor_list(
+            "ijS", atoms.pbc, atoms.cell.array / unit, atoms.positions / unit, reach.tolist()
+        )  # fmt: skip
+        first = np.where(shift[:, 0] != 0, shift[:, 0], np.where(shift[:, 1] != 0, shift[:, 1], shift[:, 2]))
+        once = (i < j) | ((i == j) & (first > 0))
+        i, j, shift = i[once].astype(np.intp), j[once].astype(np.intp), shift[once].astype(np.intp)
+        vector = atoms.positions[j] - atoms.positions[i] + shift @ atoms.cell.array
+        pair = np.minimum(code[i], code[j]) * len(every) + np.maximum(code[i], code[j])
+        groups, ratio = list[tuple[PairLaw, Index]](), np.empty(len(i))
+        order = np.argsort(pair, kind="stable")
+        for at in np.split(order, np.flatnonzero(np.diff(pair[order])) + 1) if len(order) else ():
+            law, ratio[at] = self._find_law(*every[code[i[at[0]]]], *every[code[j[at[0]]]])
+            groups.append((law, at))
+        return i, j, shift, vector, Springs(groups, len(i)), ratio
+
+    def calculate(
+        self, atoms: Atoms | None = None, properties: Any = ("energy",), system_changes: Any = all_changes
+    ) -> None:
+        """Find the energy (J), forces (N) and stress (Pa) of the atoms."""
+        super().calculate(atoms, properties, system_changes)
+        balls, radii = self.atoms, self.find_radii(self.atoms)[1]
+        i, j, _, vector, springs, _ = self.find_contacts(balls)
+        distance = np.linalg.norm(vector, axis=1)
+        overlap = radii[i] + radii[j] - distance
+        pull = -(springs.force(overlap) / distance)[:, None] * vector  # of ball j on ball i
+        forces = np.zeros((len(balls), 3))
+        np.add.at(forces, i, pull)
+        np.add.at(forces, j, -pull)
+        energy, volume = math.fsum(springs.energy(overlap)), abs(float(np.linalg.det(balls.cell.array)))
+        self.results = {"energy": energy, "free_energy": energy, "forces": forces}
+        if volume > 0.0:
+            stress = vector.T @ pull / volume
+            self.results["stress"] = (0.5 * (stress + stress.T))[_VOIGT]
+        elif "stress" in properties:
+            raise InputError("the cell has no volume", "Stress is force over area", "Give it three vectors")
+
+    def contact_network(self, atoms: Atoms, **options: Any) -> ContactNetwork:
+        """Return the balls and their contacts as a network, in SI, with Mindlin's shear stiffness.
+
+        ``options`` are those of :meth:`ContactNetwork.from_table`, such as ``dimension``, ``motions`` or ``prestress``. The
+        masses are those of the balls; those of Atoms are atomic, and are not read.
+        """
+        kinds, radii = self.find_radii(atoms)
+        i, j, shift, vector, springs, ratio = self.find_contacts(atoms)
+        overlap = radii[i] + radii[j] - np.linalg.norm(vector, axis=1)
+        force, stiffness = springs.force(overlap), springs.stiffness(overlap)
+        given = [self.balls[kind] for kind in kinds]
+        mass = [
+            one.mass if isinstance(one, Ball) and one.radius == radius else self._make(kind, radius).mass
+            for kind, radius, one in zip(kinds, radii.tolist(), given, strict=True)
+        ]  # fmt: skip
+        x, y, z = atoms.positions.T
+        balls = {"x": x, "y": y, "z": z, "radius": radii, "mass": mass, "kind": kinds}
+        contacts = {
+            "i": i, "j": j, "normal_force": force, "normal_stiffness": stiffness,
+            "shear_stiffness": ratio * stiffness * self.friction,
+            **{f"shift_{axis + 1}": shift[:, axis] for axis in range(3)},
+        }  # fmt: skip
+        periods = {"cell": atoms.cell.array, "pbc": list(map(bool, atoms.pbc))} if np.any(atoms.pbc) else {}
+        return ContactNetwork.from_table(balls, contacts, **(periods | options))
+
+
+# -- what ASE finds by entry points -------------------------------------------------------------------------------------
+
+#: formats of :func:`ase.io.read`: tables that granphon has written are known by what they begin with
+tables_format = ExternalIOFormat(
+    "granphon: table of balls, beside one of their contacts", "1S", __name__, glob="*balls.csv",
+    magic_regex=rb".{0,200}# granphon network: ",
+)  # fmt: skip
+lammps_format = ExternalIOFormat("granphon: LAMMPS dump of balls, beside one of the pairs that touch", "1S", __name__)
+
+
+def _write_atoms(network: ContactNetwork) -> Atoms:
+    """Return the balls of a network that move as Atoms in its reduced units, with the arrays ``radius`` and ``kinds``."""
+    scales, moving = network.scales, network.moving
+    kinds = np.array(network.kinds or ["X"] * len(moving))[moving]
+    symbols = choose_symbols(kinds.tolist()) if network.kinds else {"X": "X"}
+    balls = Atoms(
+        [symbols[kind] for kind in kinds.tolist()], positions=network.positions[moving] / scales.length,
+        cell=network.cell / scales.length, pbc=network.pbc, masses=network.masses[moving] / scales.mass,
+    )  # fmt: skip
+    balls.set_array("radius", network.radii[moving] / scales.length)
+    balls.set_array("kinds", kinds)
+    balls.info.update(scales.to_info())
+    return balls
+
+
+def _find_beside(path: Any, given: Any, words: Mapping[str, str]) -> Any:
+    """Return the file of contacts, by default that beside the file of balls, with a word of its name replaced."""
+    found = Path(path)
+    beside = [found.with_name(found.name.replace(*pair)) for pair in words.items() if pair[0] in found.name]
+    if given is None and not beside:
+        what = f"{path} has its contacts in another file"
+        raise InputError(what, mend=f"Name it, or call the file ...{next(iter(words))}...")
+    return beside[0] if given is None else given
+
+
+def read_granphon_tables(path: Any, contacts: Any = None, **options: Any) -> Atoms:
+    """Read a table of balls and one of ``contacts`` as Atoms in the reduced units of their network, for :mod:`ase.io`.
+
+    The table of contacts is by default beside that of balls, with "contacts" for "balls" in its name. ``options`` are those
+    of :meth:`ContactNetwork.from_table`, which also says what is raised.
+    """
+    found = _find_beside(path, contacts, {"balls": "contacts"})
+    return _write_atoms(ContactNetwork.from_table(path, found, **options))
+
+
+def read_granphon_lammps(path: Any, pairs: Any = None, **options: Any) -> Atoms:
+    """Read a dump of atoms and one of ``pairs`` as Atoms in the reduced units of their network, for :mod:`ase.io`.
+
+    The dump of pairs is by default beside that of atoms, with "pairs" for "atoms" in its name. ``options`` are those of
+    :meth:`ContactNetwork.from_lammps`, which also says what is raised. Without a material and stiffnesses the unit of
+    stiffness is 1 N/m.
+    """
+    if not {"material", "normal_stiffness"} & set(options):
+        options |= {"normal_stiffness": 1.0, "shear_stiffness": 0.0}
+    found = _find_beside(path, pairs, {"atoms": "pairs"})
+    return _write_atoms(ContactNetwork.from_lammps(path, found, **options))
+
+
+def __getattr__(name: str) -> Any:
+    """Return ``__ase_plugins__``, the calculators that ASE lists; empty for an ASE that knows no plug-ins."""
+    if name != "__ase_plugins__":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    for place in ("ase.plugins", "ase._4.plugins.plugin"):
+        with suppress(ImportError, AttributeError):
+            make = import_module(place).CalculatorPlugin
+            citation = "B. Velicky and C. Caroli, Phys. Rev. E 65, 021307 (2002)"
+            return {make("hertz-mindlin", citation=citation, implementation="granphon.phonons.calculator.HertzMindlin")}
+    return set()

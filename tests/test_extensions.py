@@ -1,0 +1,197 @@
+"""What others add: by a call, or by the entry points of a package that is installed; and what is said when it fails."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import granphon as gp
+from granphon.balls.contact_laws import LAWS
+from granphon.balls.lattices import LATTICES
+from granphon.balls.loads import Load
+from granphon.base.errors import InputError
+from granphon.base.registry import Registry
+from granphon.media.choice import MEDIA
+from granphon.networks.network import READERS
+from granphon.observables.catalogue import CATALOGUE
+from granphon.scene.scene import Scene
+
+STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
+PACKING = gp.Packing(STEEL, 8e-3, spread=gp.Uniform(2e-6))
+
+
+@pytest.fixture(autouse=True)
+def clean():
+    yield
+    for table in (CATALOGUE, LATTICES, LAWS, MEDIA, READERS):
+        for name in table:
+            table.remove(name)
+
+
+class Soft:
+    """Hertz's law with another modulus."""
+
+    def __init__(self, part, push=0.0):
+        self.part, self.push = part, push
+
+    def between(self, ball, other):
+        return gp.HertzLaw(self.part * gp.Hertz().between(ball, other).coefficient)
+
+
+def test_an_observable_that_fails_is_named_and_breaks_nothing_else(tmp_path):
+    def fails(of):
+        raise ZeroDivisionError("no such thing")
+
+    gp.register_observable("broken", "1", "what fails", fails)
+    gp.register_observable("crooked", "1", "what has another shape", lambda of: np.zeros(7))
+    gp.register_observable("absent", "1", "what no state has", lambda of: None)
+    gp.register_observable("twice", "N", "twice the force", lambda of: 2.0 * of.state.force)
+    data = gp.sweep(PACKING, force=[2.0, 9.0], media=("ala", "afa"))
+    assert not {"broken", "crooked", "absent"} & set(data)
+    np.testing.assert_array_equal(data["twice"], 2.0 * np.tile(data["force"].values[:, None], (1, 2)))
+    told = data.attrs["warnings"]
+    assert "the observable 'broken' fails: ZeroDivisionError: no such thing; it is left out" in told
+    assert "'crooked' fails: ValueError: it has the shape (7,), and the load (2,)" in told
+    bands = Scene(PACKING, Load("force", (9.0,)), media=("ala",), observe=("twice",))
+    assert bands.run(tmp_path / "one", figures=False).summary()["twice"] == 18.0
+    with pytest.raises(InputError, match=r"'broken' fails: ZeroDivisionError.*do not observe it"):
+        Scene(PACKING, Load("force", (9.0,)), media=("ala",), observe=("broken",)).run(tmp_path / "two")
+
+
+def test_a_scene_that_observes_one_pays_for_the_velocities_that_it_is_found_from(tmp_path):
+    gp.register_observable("ratio", "1", "of velocities", lambda of: of.velocities.transverse / of.velocities.longitudinal,
+                           cost="velocities")  # fmt: skip
+    scene = Scene(PACKING, Load("force", (9.0,)), media=("ala",), observe=("bands", "ratio"))
+    assert scene.observe == ("velocities", "bands", "ratio")
+    v = gp.sound_velocities(gp.AveragedLattice(PACKING).at_force(9.0))
+    alone = Scene(PACKING, Load("force", (9.0,)), media=("ala",), observe=("ratio",))
+    assert alone.run(tmp_path / "out", figures=False).summary()["ratio"] == v.transverse / v.longitudinal
+
+
+def test_a_law_has_a_name_and_numbers_in_scenes(tmp_path):
+    gp.register_law("soft", Soft, part="", push="N/m")
+    gp.register_law("half", Soft(0.5))
+    ball = gp.Ball(STEEL, 8e-3, name="A")
+    text = """
+balls: {A: {material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}, diameter: 8 mm}}
+crystal: {lattice: chain, kinds: [A], law: LAW}
+load: {force: 10 N}
+"""
+    for law in ("half", "{soft: {part: 0.5, push: 1 kN/m}}"):
+        (tmp_path / "scene.yaml").write_text(text.replace("LAW", law), encoding="utf-8")
+        scene = Scene.from_yaml(tmp_path / "scene.yaml")
+        found = scene.run(tmp_path / law[:4].strip("{"), figures=False)
+        wanted = gp.Crystal.on("chain", [ball], law="half").at_force(10.0).overlap[0]
+        assert found.summary()["overlap"] == pytest.approx(wanted, rel=1e-14)
+        again = Scene.from_yaml(found.files[0].parent / "scene.yaml")
+        assert again.run(tmp_path / "again", True, figures=False).summary()["overlap"] == found.summary()["overlap"]
+    (tmp_path / "scene.yaml").write_text(text.replace("LAW", "{soft: {part: 0.5, push: 2 s}}"), encoding="utf-8")
+    with pytest.raises(InputError, match="push: found '2 s'"):
+        Scene.from_yaml(tmp_path / "scene.yaml")
+    with pytest.raises(InputError, match=r"the contact law 'jkr' has numbers: adhesion. Give it as JKR"):
+        gp.Crystal.on("chain", [ball], law="jkr")
+
+
+def test_a_lattice_and_a_medium_are_known_to_sweeps():
+    triangular = LATTICES["triangular"]
+    gp.register_lattice(gp.Lattice("two rows", ((1, 0), (0, 3**0.5)), ((0, 0), (0.5, 0.5))))
+
+    @gp.register_medium
+    class Equal(gp.AveragedLattice):
+        name, words = "equal", "equal balls"
+
+    data = gp.sweep(PACKING, force=[3.0], media=("ala", "equal"), lattice=["triangular", "two rows"])
+    np.testing.assert_allclose(data["longitudinal"].values, data["longitudinal"].values.flat[0], rtol=1e-13)
+    assert triangular is LATTICES["triangular"]
+    with pytest.raises(InputError, match="there is a medium 'ema' already, of granphon"):
+        gp.register_medium(type("Other", (gp.AveragedLattice,), {"name": "ema"}))
+    gp.register_medium(type("Again", (Equal,), {"name": "equal"}))  # the program replaces its own
+
+
+def test_a_reader_that_fails_is_named():
+    gp.register_reader("dem", lambda path: {"no": path})
+    gp.register_reader("wrong", lambda path: path.nothing)
+    with pytest.raises(InputError, match=r"the reader 'dem' returns .* Let it return a granphon.ContactNetwork"):
+        gp.ContactNetwork.read("dem", "file")
+    with pytest.raises(InputError, match=r"the reader 'wrong' fails: AttributeError"):
+        gp.ContactNetwork.read("wrong", __file__)
+    with pytest.raises(InputError, match="program: found 'yade'; allowed: tables, lammps, dem, wrong"):
+        gp.ContactNetwork.read("yade", "file")
+
+
+@pytest.mark.parametrize(
+    ("register", "told"),
+    [
+        (lambda: gp.register_observable("two words", "1", "x", len), "'two words' has the unit '1'"),
+        (lambda: gp.register_observable("one", "1", "x", 3), "3 finds no observable"),
+        (lambda: gp.register_observable("one", "1", "x", len, cost="bands"), "cost: found 'bands'"),
+        (lambda: gp.register_observable("force", "N", "x", len), "there is a observable|observable 'force' already"),
+        (lambda: gp.register_law("mine", object()), "is no contact law"),
+        (lambda: gp.register_law("mine", Soft(1.0), part=""), "'mine' is made already"),
+        (lambda: gp.register_lattice("fcc"), "'fcc' is no lattice"),
+        (lambda: gp.register_medium(gp.Packing), "is no medium"),
+        (lambda: gp.register_reader("x", "y"), "'y' reads no files"),
+        (lambda: gp.register_reader("=x", len), "the name of a reader"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_registered(register, told):
+    with pytest.raises(InputError, match=told):
+        register()
+
+
+def test_packages_add_by_entry_points_and_one_that_fails_is_named(tmp_path):
+    """In a process of its own: two plug-ins, the second of which fails after it has added something."""
+    (tmp_path / "good.py").write_text(
+        "import granphon as gp\n"
+        "def register():\n"
+        "    gp.register_lattice(gp.Lattice('rows', ((1, 0), (0, 3**0.5)), ((0, 0), (0.5, 0.5))))\n"
+        "    gp.register_observable('twice', 'N', 'twice the force', lambda of: 2 * of.state.force)\n"
+    )
+    (tmp_path / "bad.py").write_text(
+        "import granphon as gp\ngp.register_law('half', gp.PowerLaw(2.0, 1e9))\nimport no_such_module\n"
+    )
+    (tmp_path / "extra-1.0.dist-info").mkdir()
+    (tmp_path / "extra-1.0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: extra\nVersion: 1.0\n")
+    (tmp_path / "extra-1.0.dist-info" / "entry_points.txt").write_text(
+        "[granphon.plugins]\ngood = good:register\nbad = bad\n"
+    )
+    code = """
+import granphon as gp, sys
+steel = gp.Material(211.65e9, 0.276, 7840.0)
+gp.AveragedLattice(gp.Packing(steel, 8e-3)).at_force(1.0)
+assert "good" not in sys.modules  # what is not asked for is not loaded
+packing = gp.Packing(steel, 8e-3, lattice="rows")
+data = gp.sweep(packing, force=[1.0, 2.0], media=("ala",))
+print(data["twice"].values.ravel().tolist())
+ball = gp.Ball(steel, 1e-3)
+for call in (lambda: gp.Packing(steel, 8e-3, lattice="nothing"), lambda: gp.Crystal.on("fcc", [ball], law="half")):
+    try:
+        call()
+    except gp.GranphonError as error:
+        print(error)
+"""
+    paths = os.pathsep.join([str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])])
+    run = subprocess.run(
+        [sys.executable, "-c", code], env=os.environ | {"PYTHONPATH": paths}, capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 0, run.stderr
+    values, lattice, law = run.stdout.splitlines()
+    assert values == "[2.0, 4.0]"
+    why = "The plug-in bad of extra could not be loaded: ModuleNotFoundError: No module named 'no_such_module'"
+    assert lattice.startswith(f"unknown lattice 'nothing'. {why}.")
+    assert "rows" in lattice
+    assert why in law
+    assert "'half'" in law
+
+
+def test_every_table_is_a_registry():
+    assert {"lattice", "contact law", "medium", "observable", "reader"} <= set(Registry.every)
+    for table in Registry.every.values():
+        assert not any(table.is_added(name) for name in table)
+        assert list(table) == list(table.keys())
+    assert replace(CATALOGUE["force"]) == CATALOGUE["force"]
