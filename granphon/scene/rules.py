@@ -35,7 +35,6 @@ from granphon.base.quantities import (
     LENGTH,
     MASS,
     MODULUS,
-    PUSH,
     WAY,
     WIDTH,
     Quantity,
