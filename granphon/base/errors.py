@@ -142,6 +142,10 @@ class InconsistencyWarning(UserWarning):
     """Numbers that were given contradict each other: a force is not that of its overlap."""
 
 
+class StoppedEarlyWarning(UserWarning):
+    """A run ends before its time; what it has found so far is kept."""
+
+
 class UnverifiedFileWarning(UserWarning):
     """A file without a digest was read: nothing shows whether it is still as it was written."""
 

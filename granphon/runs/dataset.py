@@ -31,6 +31,7 @@ from granphon.dynamics.long_waves import voigt_names
 from granphon.media.arrangement import Balls
 from granphon.media.left_out import EXACT, LATTICE
 from granphon.observables.catalogue import CATALOGUE, Analysis, entry_of
+from granphon.runs.accessor import register_accessor
 from granphon.runs.execution import solve_all
 from granphon.runs.netcdf import MOST_BYTES, netcdf_bytes, open_bytes
 from granphon.runs.store import Store, TaskResult
@@ -171,6 +172,8 @@ def make_frame(grid: Grid) -> Dataset:
     with needing("A data set"):
         from xarray import Dataset
 
+        register_accessor()
+
     load, packing, asked = grid.load, grid.cases[0].packing, grid.asked
     finite = [one.has_finite_overlap(asked.finite_overlap) for one in grid.media]
     variables: dict[str, Any] = {}
@@ -239,6 +242,8 @@ def tabulate(
     """Return numbers of states of one medium over the contact force, each (n,), as a data set like that of a sweep."""
     with needing("A data set"):
         from xarray import Dataset
+
+        register_accessor()
 
     variables: dict[str, Any] = {
         name: (("load", "medium"), array[:, None], _list_attributes(name, array, packing)) for name, array in values.items()
@@ -471,6 +476,7 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
     try:
         # open the bytes that were checked: the file itself may have changed since
         dataset = open_bytes(body)
+        register_accessor()
     except Exception as error:  # whatever makes HDF5, h5netcdf or xarray fail is in the file
         raise _explain_unreadable(path, str(error)) from None
     if dataset.attrs.get("format") != FORMAT:
