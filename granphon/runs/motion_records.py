@@ -28,7 +28,7 @@ from granphon.waves.settings import MotionSettings
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 #: dimensions of the arrays of a motion and of its network in a file, by the letters of their shapes
-_DIMS = {"f": "frame", "n": "ball", "c": "contact", "3": "axis", "m": "met", "2": "pair"}
+_DIMS = {"f": "frame", "n": "ball", "c": "contact", "3": "axis", "m": "meeting", "2": "pair"}
 #: what files of motions say they are, and what names of their network begin with
 _FORMAT, _NETWORK = "granphon motion", "network."
 #: what is found of a motion, and over time, by the names of the catalogue; and what has standard errors over samples
