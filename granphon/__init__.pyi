@@ -97,6 +97,7 @@ from .phonons.phonopy_bridge import load_phonopy as load_phonopy
 from .phonons.surfaces import Surface as Surface
 from .phonons.surfaces import SurfaceBranches as SurfaceBranches
 from .phonons.surfaces import SurfaceSpectrum as SurfaceSpectrum
+from .runs.accessor import SweepAccessor as SweepAccessor
 from .runs.dataset import load_sweep as load_sweep
 from .runs.sweep import sweep as sweep
 from .runs.wave_records import SampleWaves as SampleWaves
@@ -116,6 +117,7 @@ from .waves.path_spectra import PathSpectra as PathSpectra
 from .waves.pulses import Pulse as Pulse
 from .waves.response import Peaks as Peaks
 from .waves.response import Response as Response
+from .waves.settings import BandsSettings as BandsSettings
 from .waves.settings import PulseSettings as PulseSettings
 from .waves.settings import ResponseSettings as ResponseSettings
 from .waves.settings import SpectrumSettings as SpectrumSettings

@@ -30,6 +30,7 @@ import pytest
 from hypothesis import settings
 
 import granphon as gp
+from granphon.base.registry import Registry
 
 #: of each property; .ci/run tries more
 EXAMPLES = int(os.environ.get("GRANPHON_TEST_EXAMPLES", "25"))
@@ -74,6 +75,15 @@ def without_rights(path: Path, remove: bool = True) -> Iterator[None]:
         if not remove:
             patch.setattr(os, "unlink", lambda name: (_ for _ in ()).throw(PermissionError()))
         yield
+
+
+@pytest.fixture(autouse=True)
+def nothing_registered_stays():
+    """What a test registers is taken out again."""
+    yield
+    for table in Registry.every.values():
+        for name in table:
+            table.remove(name)
 
 
 @pytest.fixture

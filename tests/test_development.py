@@ -46,7 +46,7 @@ def lowest() -> str:
     """The text of tests/lowest.txt: the least version of everything that is needed at run time and in the tests."""
     lines = ["# The least versions that pyproject.toml allows: python -m tests.test_development > tests/lowest.txt"]
     for requirement in (*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["test"]):
-        found = re.fullmatch(r"([\w.-]+)>=([\w.]+)", requirement)
+        found = re.fullmatch(r"([\w.-]+)>=([\w.]+)(?:,<[\d.]+)?", requirement)
         assert found, f"{requirement!r} is not of the form name>=version"
         lines.append(f"{found[1]}=={found[2]}")
     return "\n".join(lines) + "\n"
@@ -82,7 +82,7 @@ def test_the_conda_recipe_says_what_the_project_says():
     template = templates.Environment(undefined=templates.StrictUndefined).from_string(read(".ci/conda/meta.yaml"))
     recipe = yaml.safe_load(template.render(load_file_data=load_data, load_file_regex=load_regex, PYTHON="python"))
     assert recipe["package"] == {"name": "granphon", "version": granphon.__version__}
-    run = [re.fullmatch(r"([a-z0-9-]+) >=([\d.]+)", one) for one in recipe["requirements"]["run"]]
+    run = [re.fullmatch(r"([a-z0-9-]+) >=([\d.]+(?:,<[\d.]+)?)", one) for one in recipe["requirements"]["run"]]
     assert all(run), recipe["requirements"]["run"]
     needed = {one[1].removesuffix("-base"): one[2] for one in run if one}
     wanted = dict(one.lower().split(">=") for one in PROJECT["dependencies"])

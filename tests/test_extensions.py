@@ -11,26 +11,15 @@ import numpy as np
 import pytest
 
 import granphon as gp
-from granphon.balls.contact_laws import LAWS
 from granphon.balls.lattices import LATTICES
 from granphon.balls.loads import Load
 from granphon.base.errors import InputError
 from granphon.base.registry import Registry
-from granphon.media.choice import MEDIA
-from granphon.networks.network import READERS
 from granphon.observables.catalogue import CATALOGUE
 from granphon.scene.scene import Scene
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 PACKING = gp.Packing(STEEL, 8e-3, spread=gp.Uniform(2e-6))
-
-
-@pytest.fixture(autouse=True)
-def clean():
-    yield
-    for table in (CATALOGUE, LATTICES, LAWS, MEDIA, READERS):
-        for name in table:
-            table.remove(name)
 
 
 class Soft:

@@ -192,18 +192,38 @@ def press_further(overlap: float, differences: Array, out: Array | None = None) 
     return change, root
 
 
-def stretch(rest: Array, rest_root: Array, elongation: Array) -> tuple[Array, Array, Array]:
-    """Return what an elongation e from overlaps y >= 0 at rest changes: forces, the stored energy, and the roots h_+^(1/2).
+def release(rest: Array, rest_root: Array, elongation: Array) -> tuple[Array, Array, Array]:
+    """Return what an elongation e from overlaps y >= 0 at rest changes of forces, and of the roots h_+^(1/2), and the roots.
 
-    h = y - e. Of the energy that of the force at rest, y^(3/2) e, is left out, so that it begins with e^2.
+    h = y - e. No digits are lost by subtraction.
     """
     root = np.sqrt(np.maximum(rest - elongation, 0.0))
     total = root + rest_root
     change = np.maximum(-elongation, -rest)  # of h_+, the product of sum and difference of the roots
     gap = np.divide(change, total, out=np.zeros_like(total), where=total > 0.0)
+    return gap * (total * total - root * rest_root), gap, root
+
+
+def stretch(rest: Array, rest_root: Array, elongation: Array) -> tuple[Array, Array, Array]:
+    """Return what an elongation e from overlaps y >= 0 at rest changes: forces, the stored energy, and the roots h_+^(1/2).
+
+    h = y - e. Of the energy that of the force at rest, y^(3/2) e, is left out, so that it begins with e^2.
+    """
+    force, gap, root = release(rest, rest_root, elongation)
     energy = gap * gap * (3.0 * rest_root**3 + gap * (4.0 * rest_root**2 + gap * (2.0 * rest_root + 0.4 * gap)))
     open_by = np.minimum(rest - elongation, 0.0)
-    return gap * (total * total - root * rest_root), energy - rest_root**3 * open_by, root
+    return force, energy - rest_root**3 * open_by, root
+
+
+def mean_force(overlap: Array, other: Array) -> Array:
+    """Return the mean of h_+^(3/2) on the straight way from one overlap to another: the change of the energy over theirs."""
+    root, after = np.sqrt(np.maximum(overlap, 0.0)), np.sqrt(np.maximum(other, 0.0))
+    both = root + after
+    part, way = (after - root) * both, other - overlap  # of the way in which the contact is closed
+    closed = np.divide(part, way, out=np.ones_like(way), where=(overlap < 0.0) != (other < 0.0))
+    a, b = root * root, after * after
+    powers = a * a + b * b + root * after * (a + b) + a * b
+    return np.asarray(0.4 * closed * np.divide(powers, both, out=np.zeros_like(both), where=both > 0.0))
 
 
 def force_of(overlap: Any) -> Any:

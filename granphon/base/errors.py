@@ -42,7 +42,7 @@ class GranphonError(Exception):
     def restate(self, text: str) -> Self:
         """Return an error of the same kind with another text, and with all else that this one knows."""
         other = copy(self)
-        other.args = (text,)
+        other.args = (message(text),)  # as the constructor makes it, by which errors are unpickled
         return other
 
 
@@ -138,6 +138,10 @@ class MissingPackageError(GranphonError, ImportError):
 
 class InconsistencyWarning(UserWarning):
     """Numbers that were given contradict each other: a force is not that of its overlap."""
+
+
+class StoppedEarlyWarning(UserWarning):
+    """A run ends before its time; what it has found so far is kept."""
 
 
 class UnverifiedFileWarning(UserWarning):

@@ -572,17 +572,8 @@ class Crystal(Result):
         pairs, number = self._pairs
         laws: list[PairLaw] = []
         checked: set[int] = set()
-        # a law may also name kinds that are not there, or no more: a defect may bring one
-        given: Any = self.law if isinstance(self.law, tuple) else ()
-        laws_of = {frozenset(pair): law for pair, law in given}
         for ball, other, one, two in pairs:
-            law = laws_of.get(frozenset((one, two))) if given else self.law
-            if law is None:
-                missing = [f"({a!r}, {b!r})" for _, _, a, b in pairs if frozenset((a, b)) not in laws_of]
-                what = f"law has none for contacts of {', '.join(missing)}"
-                why = f"It has {brief([tuple(pair) for pair, _ in given])}"
-                raise InputError(what, why, "Give one for each pair of kinds that touch")
-            found = law_between(law, ball, other)
+            found = self._find_law(ball, other, one, two)
             if id(found) not in checked:
                 check_law(found, ContactConstants.of(ball, other).radius)
                 checked.add(id(found))
@@ -590,6 +581,34 @@ class Crystal(Result):
         order = np.argsort(number, kind="stable")
         split = np.split(order, np.searchsorted(number[order], np.arange(1, len(pairs))))[: len(pairs)]
         return Springs([(law, at) for law, at in zip(laws, split, strict=True)], len(number))
+
+    def _find_law(self, ball: Body, other: Body, one: str, two: str) -> PairLaw:
+        """Return the law of two bodies with names. A law may also name kinds that are not there: a defect may bring one."""
+        law: Any = self.law
+        if isinstance(self.law, tuple):
+            laws_of = {frozenset(pair): law for pair, law in self.law}
+            if (law := laws_of.get(frozenset((one, two)))) is None:
+                missing = [f"({a!r}, {b!r})" for _, _, a, b in self._pairs[0] if frozenset((a, b)) not in laws_of]
+                what = f"law has none for contacts of {', '.join(missing) or f'({one!r}, {two!r})'}"
+                why = f"It has {brief([tuple(pair) for pair, _ in self.law])}"
+                raise InputError(what, why, "Give one for each pair of kinds that touch")
+        return law_between(law, ball, other)
+
+    def law_of(self, i: int, j: int) -> PairLaw:
+        """Return the law of balls i and j; numbers from that of the balls on are floors."""
+        names, bodies = (*self.names, RIGID_PLANE.name), list[Body]([*self.kinds, RIGID_PLANE])
+        one, two = (int(self.kind[at]) if at < self.n_balls else -1 for at in (i, j))
+        return self._find_law(bodies[one], bodies[two], names[one], names[two])
+
+    def touch(self) -> CrystalState:
+        """Return the crystal as its balls touch, without load; stiffnesses are those at overlaps of 1e-6 of distances."""
+        frame, springs = self._frame[0], self._springs
+        overlap, d, p = TOUCH * frame.distance, self.dimension, self.periods
+        unit = frame.vector / np.linalg.norm(frame.vector, axis=1, keepdims=True)
+        return CrystalState(
+            self, springs.force(overlap), overlap, springs.stiffness(overlap), unit, np.zeros((self.n_balls, d)),
+            np.zeros((p, p)), np.zeros((p, p)), np.zeros(len(frame.walls)),
+        )  # fmt: skip
 
     @cached_property
     def _constants(self) -> Array:
@@ -1188,6 +1207,26 @@ class CrystalState(Result):
         return tuple(said for check in self.limits if (said := check.warning) is not None)
 
     @cached_property
+    def _clamped(self) -> NDArray[np.bool_]:
+        """(n,) which balls are held."""
+        held = np.zeros(self.crystal.n_balls, bool)
+        for side in self.crystal._sides:
+            held[side.balls] |= side.edge == "clamped"
+        return held
+
+    @cached_property
+    def _kept(self) -> NDArray[np.bool_]:
+        """(n_c,) which contacts the network has: those that are closed, and not of two bodies that are held."""
+        held, table = self._clamped, self.crystal.contacts
+        between = [held[table.i] & held[table.j], *(held[one.balls] for one in self.crystal._floors)]
+        return np.asarray((self.normal_stiffness > 0.0) & ~np.concatenate(between))
+
+    @property
+    def springs(self) -> Springs:
+        """The laws of the contacts of the network."""
+        return self.crystal._springs.among(np.flatnonzero(self._kept))
+
+    @cached_property
     def network(self) -> ContactNetwork:
         """The cell as a :class:`~granphon.ContactNetwork`, without contacts that are open.
 
@@ -1202,10 +1241,7 @@ class CrystalState(Result):
         deformed = np.eye(d)
         deformed[:p, :p] += self.strain if follows else 0.0
         places = crystal.positions @ deformed.T + (self.displacements if follows else 0.0)
-        held = np.zeros(n, bool)
-        for side in crystal._sides:
-            held[side.balls] |= side.edge == "clamped"
-        extra = len(floors)
+        held, extra = self._clamped, len(floors)
         positions, cell = np.zeros((n + extra, 3)), np.zeros((3, 3))
         positions[:n, :d], cell[:p, :d] = places, crystal.cell @ deformed.T
         masses = np.append(np.where(held, np.inf, crystal.masses), np.full(extra, np.inf))
@@ -1224,17 +1260,15 @@ class CrystalState(Result):
         # radii less half of the overlap each in the true geometry
         half = 0.5 * self.overlap if follows else 0.0
         bulges = np.append(crystal._bulges, np.zeros(extra)) * follows
-        still = np.isinf(masses)
-        kept = (self.normal_stiffness > 0.0) & ~(still[ends[0]] & still[ends[1]])
-        allowed = allowed_motions(d)
-        fields = {
+        kept, allowed = self._kept, allowed_motions(d)
+        fields: dict[str, Any] = {
             "i": ends[0], "j": ends[1], "shift": shift, "normal": normal, "normal_force": self.normal_force,
             "normal_stiffness": self.normal_stiffness, "shear_stiffness": self.shear_stiffness,
             "torsion_stiffness": self.torsion_stiffness, "bending_stiffness": self.bending_stiffness,
             "arm_i": np.concatenate(arm_i) + bulges[ends[0]] - half,
             "arm_j": np.concatenate(arm_j) + bulges[ends[1]] - half,
         }  # fmt: skip
-        own = {name: values[kept] for name, values in fields.items()}
+        own: dict[str, Any] = {name: values[kept] for name, values in fields.items()}
         if follows:  # its statics are those of normal forces alone
             own["tangential_force"] = np.zeros((np.count_nonzero(kept), 3))
         return ContactNetwork(

@@ -32,6 +32,7 @@ from granphon.dynamics.long_waves import voigt_names
 from granphon.media.arrangement import Balls
 from granphon.media.left_out import EXACT, LATTICE
 from granphon.observables.catalogue import CATALOGUE, Analysis, entry_of
+from granphon.runs.accessor import register_accessor
 from granphon.runs.execution import solve_all
 from granphon.runs.store import Store, TaskResult
 from granphon.runs.tasks import (
@@ -172,6 +173,8 @@ def make_frame(grid: Grid) -> Dataset:
     with needing("A data set"):
         from xarray import Dataset
 
+        register_accessor()
+
     load, packing, asked = grid.load, grid.cases[0].packing, grid.asked
     finite = [one.has_finite_overlap(asked.finite_overlap) for one in grid.media]
     variables: dict[str, Any] = {}
@@ -240,6 +243,8 @@ def tabulate(
     """Return numbers of states of one medium over the contact force, each (n,), as a data set like that of a sweep."""
     with needing("A data set"):
         from xarray import Dataset
+
+        register_accessor()
 
     variables: dict[str, Any] = {
         name: (("load", "medium"), array[:, None], _list_attributes(name, array, packing)) for name, array in values.items()
@@ -551,6 +556,8 @@ def open_bytes(data: bytes) -> Dataset:
     with needing("A netCDF file"):
         import h5py
         from xarray import open_dataset
+
+        register_accessor()
 
     def check(_: str, item: Any) -> None:
         group = isinstance(item, h5py.Group)

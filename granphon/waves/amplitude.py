@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from granphon.base.errors import InputError
 from granphon.base.validation import real_array, whole_number
+from granphon.waves.contact_forces import Powers
 from granphon.waves.nonlinear import NonlinearWaves
 from granphon.waves.operator import WaveOperator
 
@@ -33,6 +34,8 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
     twice its frequency is that of a wave of 2 q.
     """
     waves = NonlinearWaves(x, law)
+    if not isinstance(waves.normal, Powers):
+        raise InputError("the law of the contacts is no power", "Its second and third derivatives are not known")
     network, operator = waves.network, WaveOperator(waves.network)
     periods, at = np.flatnonzero(network.pbc), real_array("q", q)
     if at.shape not in ((len(periods),), (3,)) or not periods.size or not np.all(np.isfinite(at)):
@@ -54,7 +57,7 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
     vector, square = vectors[:, which], float(squares[which])
     moves = operator.values(vector)[:, operator.motions.translating]
     size = float(np.sqrt(np.max(np.sum(np.abs(moves) ** 2, axis=1) / network.masses[operator.balls])))
-    a, k, delta = waves.exponent, network.normal_stiffness, waves.overlap
+    a, k, delta = waves.normal.exponent, network.normal_stiffness, waves.overlap
     # the tension of a contact is k e + second e^2 + third e^3
     second, third = -0.5 * k * (a - 1.0) / delta, k * (a - 1.0) * (a - 2.0) / (6.0 * delta**2)
     e = stretch @ vector

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, Literal
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.errors import InputError, brief
-from granphon.base.results import Result
+from granphon.base.records import RecordFile, read_records
+from granphon.base.results import Result, plain
 from granphon.base.validation import number, positive, require, whole_number
 from granphon.networks.network import ContactNetwork
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+#: what a file of a motion says about itself
+_ABOUT = {"format": "granphon motion", "schema": "1"}
 #: least number of frames in a period of the highest harmonic
 _PER_PERIOD = 2.5
 
@@ -27,7 +33,7 @@ class Motion(Result):
     ----------
     times : (n_f,) s.
     displacements, velocities : (n_f, n, 3) from the places at rest, m, m/s. Velocities of balls that a drive moves are
-        differences between frames.
+        differences over two steps.
     rotations, spins : (n_f, n, 3) rad, rad/s.
     forces, shears : (n_f, n_c) normal force of each contact, zero where it is open, and size of its force of slip, N.
     translation, rotation : (n_f,) kinetic energies, J.
@@ -36,6 +42,7 @@ class Motion(Result):
     work : (n_f,) of drives, J.
     step : s.
     network : the balls at rest, and their contacts.
+    met : (n_m, 2) balls of contacts that came about beside those of the network: the last columns of ``forces``.
     """
 
     units = {
@@ -44,7 +51,8 @@ class Motion(Result):
     }  # fmt: skip
     _shapes = {
         "times": "f", "displacements": "f n 3", "velocities": "f n 3", "rotations": "f n 3", "spins": "f n 3",
-        "forces": "f c", "shears": "f c", "translation": "f", "rotation": "f", "stored": "f", "lost": "f", "work": "f",
+        "forces": "f c", "shears": "f c", "met": "m 2", "translation": "f", "rotation": "f", "stored": "f", "lost": "f",
+        "work": "f",
     }  # fmt: skip
 
     times: Array
@@ -61,6 +69,22 @@ class Motion(Result):
     work: Array
     step: float
     network: ContactNetwork
+    met: Index = field(default_factory=lambda: np.zeros((0, 2), np.intp))
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str], frames: slice = slice(None)) -> Self:
+        """Return the motion that a run has written to a file, or some of its ``frames``; the run may still go on.
+
+        Raises :class:`~granphon.base.errors.InputError` for a file that is not there, or that is of another kind or schema.
+        """
+        found, about = read_records(path, _ABOUT, frames)
+        own = {name.removeprefix("network_"): found.pop(name) for name in list(found) if name.startswith("network_")}
+        for name in ("i", "j", "shift", "labels"):
+            if name in own:
+                own[name] = own[name].astype(np.intp)
+        network = ContactNetwork.from_dict({"class": "ContactNetwork", **json.loads(about["network"]), **own})
+        met: Any = found.pop("met", np.zeros((0, 2))).astype(np.intp)
+        return cls(**found, network=network, met=met, step=float(about["step"]))
 
     @property
     def energy(self) -> Array:
@@ -76,7 +100,8 @@ class Motion(Result):
     def middles(self) -> Array:
         """(n_c, 3) places of the contacts at rest, m."""
         network = self.network
-        return np.asarray(network.positions[network.i] + network.arm_i[:, None] * network.normal)
+        of_network = network.positions[network.i] + network.arm_i[:, None] * network.normal
+        return np.concatenate([of_network, np.mean(network.positions[self.met], axis=1)])
 
     def peaks(self) -> tuple[Array, Array]:
         """Return the times, s, and the heights, N, of the greatest normal force of each contact, each (n_c,).
@@ -113,9 +138,9 @@ class Motion(Result):
         after another.
         """
         at = np.asarray(contacts)
-        if at.ndim != 1 or at.size < 2 or at.dtype.kind not in "iu" or np.any((at < 0) | (at >= self.network.n_contacts)):
+        if at.ndim != 1 or at.size < 2 or at.dtype.kind not in "iu" or np.any((at < 0) | (at >= self.forces.shape[1])):
             what = f"contacts are {brief(contacts)}"
-            raise InputError(what, mend=f"Give two or more of the numbers 0 to {self.network.n_contacts - 1}")
+            raise InputError(what, mend=f"Give two or more of the numbers 0 to {self.forces.shape[1] - 1}")
         if of not in ("peak", "front"):
             raise InputError(f"of is {brief(of)}", mend='Give "peak" or "front"')
         places = self.middles[at] - self.middles[at[0]]
@@ -161,3 +186,109 @@ class Motion(Result):
         terms = np.hstack([np.ones((len(angle), 1)), np.cos(angle), np.sin(angle)])
         fitted: Any = np.linalg.lstsq(terms, self.displacements[last, :, whole_number("axis", axis, 0, 2)], rcond=None)[0]
         return np.asarray(fitted[1 : most + 1] + 1j * fitted[most + 1 :])
+
+
+class Frames:
+    """The frames of a run as they come, in memory or in a file; a context.
+
+    Parameters
+    ----------
+    network : the balls at rest.
+    step : s.
+    path : of the file, or None.
+    """
+
+    def __init__(self, network: ContactNetwork, step: float, path: Any) -> None:
+        self._network, self._step, self._path = network, step, path
+        self._columns: dict[tuple[int, ...], int] = {}
+        self._frames: list[dict[str, Any]] = []
+        self._file: RecordFile | None = None
+        self._count, self.last_time = 0, 0.0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._file is not None:
+            self._file.close()
+
+    def keep(self, frame: Mapping[str, Any], forces: Array, shears: Array, met: Sequence[tuple[int, ...]]) -> None:
+        """Keep a frame. Contacts beyond those of the network, ``met`` (i, j, shift), get a column when they first push."""
+        base = self._network.n_contacts
+        new = [pair for pair, force in zip(met, forces[base:], strict=True) if force and pair not in self._columns]
+        for pair in new:
+            self._columns[pair] = base + len(self._columns)
+        whole: dict[str, Any] = dict(frame)
+        for name, values in (("forces", forces), ("shears", shears)):
+            whole[name] = np.zeros(base + len(self._columns))
+            whole[name][:base] = values[:base]
+            for pair, value in zip(met, values[base:], strict=True):
+                if pair in self._columns:
+                    whole[name][self._columns[pair]] = value
+        self._count, self.last_time = self._count + 1, float(frame["times"])
+        if self._path is None:
+            self._frames.append(whole)
+            return
+        if self._file is None:
+            self._open([whole])
+        elif new:  # columns are of a fixed number in a file
+            self._file.close()
+            before = read_records(self._path, _ABOUT)[0]
+            self._open(
+                [{name: values[at] for name, values in before.items() if name in whole} for at in range(self._count - 1)]
+                + [whole]
+            )
+        else:
+            self._file.append(whole)
+
+    @property
+    def _met(self) -> Index:
+        return np.array([pair[:2] for pair in self._columns], np.intp).reshape(-1, 2)
+
+    def _open(self, frames: Sequence[Mapping[str, Any]]) -> None:
+        """Write a file anew, with some frames, in place of one that may be there."""
+        network, last = self._network, frames[-1]
+        plain_fields = {one.name: getattr(network, one.name) for one in fields(network)}
+        arrays = {name: values for name, values in plain_fields.items() if isinstance(values, np.ndarray)}
+        rest = {name: plain(values) for name, values in plain_fields.items() if name not in arrays}
+        fixed = {f"network_{name}": (values, _name_axes(name, ContactNetwork)) for name, values in arrays.items()}
+        if self._columns:  # a dimension of no length would be the one that grows
+            fixed["met"] = (self._met, _name_axes("met", Motion))
+        growing = {name: (np.shape(values), _name_axes(name, Motion)[1:]) for name, values in last.items()}
+        units = Motion.units | {f"network_{name}": unit for name, unit in ContactNetwork.units.items()}
+        beside = f"{os.fspath(self._path)}.new"
+        about = _ABOUT | {"network": json.dumps(rest), "step": repr(self._step)}
+        file = RecordFile(beside, fixed, growing, units, about)
+        for frame in frames:
+            file.append({name: _pad(frame[name], np.shape(last[name])) for name in growing})
+        os.replace(beside, self._path)
+        self._file = file
+
+    def join(self) -> Motion:
+        """Return all frames."""
+        if self._path is not None:
+            return Motion.read(self._path)
+        last = self._frames[-1]
+        stacked: dict[str, Any] = {
+            name: np.array([_pad(one[name], np.shape(last[name])) for one in self._frames]) for name in last
+        }
+        return Motion(**stacked, network=self._network, met=self._met, step=self._step)
+
+
+def _name_axes(name: str, owner: type[Result]) -> tuple[str, ...]:
+    """Return names of the axes of a field in a file."""
+    names = {"f": "time", "n": "ball", "c": "contact", "3": "axis", "m": "met", "2": "end"}
+    of_network = {"c": "network_contact"} if owner is ContactNetwork else {}
+    return tuple((names | of_network)[one] for one in owner._shapes[name].rstrip("?").split())
+
+
+def _pad(values: Any, shape: tuple[int, ...]) -> Array:
+    """Return an array with zeros for what is missing at its end."""
+    if np.shape(values) == shape:
+        return np.asarray(values, float)
+    out = np.zeros(shape)
+    out[tuple(slice(size) for size in np.shape(values))] = values
+    return out

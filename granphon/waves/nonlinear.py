@@ -4,36 +4,45 @@ Mass-weighted motions x = M^1/2 u (rotations carried by w = R_g phi) obey
 
     x'' = A^T ((f(h) - f_0) e_n - (T - T_0)) + forces,    A = C M^-1/2
 
-where C x are the deformations of contacts (:mod:`granphon.dynamics.rows`), in the directions of the network: displacements
-are small against the balls, not against the overlaps. h = h_0 - elongation is the overlap. A contact pushes by its law while
-h > 0, and is open otherwise. f_0 and T_0 are the static forces, which the load holds in balance.
+where C x are the deformations of contacts, in the directions of the network or in the true ones
+(:mod:`granphon.waves.directions`), and f and T are their forces (:mod:`granphon.waves.contact_forces`). f_0 and T_0 are the
+static forces, which the load holds in balance. In the directions of the network displacements are small against the balls,
+not against the overlaps.
 
-Slip, twist and rolling s are resisted by forces T with the stiffness k_t, which is in proportion to the normal stiffness
-k(h): dT = k_t ds while h rises, and T over k_t is kept while h falls; Coulomb's limit |T| <= mu f holds for slip. It is the
-law of :mod:`granphon.array.friction`. Dashpots add tau k_0 times the rate of a deformation while the contact is closed.
-
-Steps are those of Verlet in velocity form: symplectic and, without losses, the same backwards. The stored energy is known in
-closed form, so that its sum with the kinetic energy and the losses shows what the steps leave: it goes with their square.
+There are two schemes. Verlet's steps in velocity form are explicit, symplectic and, without losses, the same backwards; the
+sum of energies, each known in closed form, differs from a constant by the square of the step. Steps of "midpoint" take the
+velocity and the geometry at the middle, and of each contact the mean force: of normal forces the change of the energy over
+that of the overlap, of others the mean of both ends. What forces then do is what energies change by (the discrete gradient
+of D. Greenspan, Discrete Models, 1973, and O. Gonzalez, J. Nonlinear Sci. 6, 449, 1996), so that the sum closes to rounding,
+with losses too. They are implicit, and solved by iteration.
 """
 
 from __future__ import annotations
 
 import math
+import os
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls import hertz
-from granphon.balls.contact_laws import Hertz, PowerLaw
-from granphon.base.errors import ConvergenceError, InputError, brief
+from granphon.balls.ball import RIGID_PLANE
+from granphon.balls.contact_laws import DMT, JKR, Hertz, PowerLaw, law_between
+from granphon.balls.hertz import HertzLaw
+from granphon.base.errors import InputError, StoppedEarlyWarning, brief
+from granphon.base.progress import Progress, silent
 from granphon.base.validation import not_negative, positive, real_array, whole_number
 from granphon.dynamics.damping import ContactDamping
-from granphon.dynamics.rows import weigh_rows
+from granphon.media.crystal import Crystal, CrystalState
 from granphon.networks.network import ContactNetwork, given_network
-from granphon.waves.motion import Motion
+from granphon.waves.contact_forces import ContactForces, PairLaws, Powers, Touch
+from granphon.waves.directions import FixedDirections, TrueDirections
+from granphon.waves.motion import Frames, Motion
+from granphon.waves.neighbours import find_neighbours, orient
 from granphon.waves.operator import WaveOperator
 from granphon.waves.pulses import read_balls, read_vector
 
@@ -41,10 +50,18 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 #: steps in the shortest period that the contacts could have, by default; and the least number with which steps are stable
 _STEPS, _LEAST_STEPS = 60.0, 4.0
+#: how often a step that is too long is halved
+_HALVINGS = 10
 #: most steps of a run
 _MOST_STEPS = 10_000_000
-#: displacement, over the mean diameter, at which a ball has left its place
+#: displacement, over the mean diameter, at which a ball has left its place among directions that do not turn
 _AWAY = 0.5
+#: distance over the mean diameter up to which balls are listed as ones that may meet
+_SKIN = 0.2
+#: relative change at which an implicit step is solved, and most iterations
+_SOLVED, _ITERATIONS = 1e-14, 50
+#: relative difference of coefficients of contacts, over the roots of their radii, that are those of one material
+_ALIKE = 1e-2
 
 
 @dataclass(frozen=True)
@@ -66,85 +83,123 @@ class Drive:
     force: Callable[[float], float] | None = None
 
 
-class _Powers:
-    """Normal forces f = c h_+^a of contacts, as functions of their elongation e = h_0 - h from rest."""
-
-    def __init__(self, exponent: float, rest: Array, overlap: Array) -> None:
-        self.exponent, self.rest, self.overlap, self.root = exponent, rest, overlap, np.sqrt(overlap)
-        self.coefficient = rest / overlap**exponent
-
-    def press(self, elongation: Array) -> tuple[Array, Array]:
-        """Return f - f_0, without a difference of near-equal forces, and the stiffness."""
-        if self.exponent == hertz.EXPONENT:
-            change, _, root = hertz.stretch(self.overlap, self.root, elongation)
-            return self.coefficient * change, hertz.stiffness_of(self.coefficient * root)
-        a, part = self.exponent, np.maximum(1.0 - elongation / self.overlap, 0.0)
-        with np.errstate(divide="ignore"):
-            change = self.rest * np.expm1(a * np.log1p(np.maximum(-elongation / self.overlap, -1.0)))
-        return change, np.where(part > 0.0, a * self.rest / self.overlap * part ** (a - 1.0), 0.0)
-
-    def store(self, elongation: Array) -> Array:
-        """Return the energy of each contact and of its share of the load, J, since rest: zero at e = 0, and never below."""
-        if self.exponent == hertz.EXPONENT:
-            return np.asarray(self.coefficient * hertz.stretch(self.overlap, self.root, elongation)[1])
-        a, part = self.exponent, np.maximum(1.0 - elongation / self.overlap, 0.0)
-        return np.asarray(self.rest * (self.overlap * (part ** (a + 1.0) - 1.0) / (a + 1.0) + elongation))
-
-
 class NonlinearWaves:
     """The motion of balls by the whole of their contact law: pulses of any height, impacts, contacts that open.
 
     Parameters
     ----------
-    x : a state at one load, a sample, or a :class:`~granphon.ContactNetwork`, at rest under its load. A sample that was
-        pressed with friction starts with its tangential forces.
-    law : of the normal forces: :class:`~granphon.Hertz` (default), or a :class:`~granphon.PowerLaw` whose exponent is taken.
-        The coefficient and the overlap of each contact follow from its force f and stiffness k: overlap a f/k.
+    x : a state at one load, a sample, or a :class:`~granphon.ContactNetwork`, at rest under its load; or a
+        :class:`~granphon.Crystal`, whose balls touch without load. A sample that was pressed with friction starts with its
+        tangential forces.
+    law : of the normal forces; by default that of a crystal, and elsewhere :class:`~granphon.Hertz`. Of a
+        :class:`~granphon.PowerLaw` the exponent is taken: the coefficient and the overlap of each contact follow from its
+        force f and stiffness k, the overlap as a f/k. Other laws are those of a crystal, or the same for all pairs.
     friction_coefficient : mu of Coulomb's limit of slip; by default contacts do not slide.
-    damping : viscosity of contacts over their stiffness at rest, s, as in :meth:`Waves.response`: a number or (n_c,), or a
-        tuple of that of normal and of all other motion.
-
-    Displacements are small against the balls: contacts keep the directions and lever arms of the network, and are those of
-    the network; they open and close.
+    damping : viscosity of contacts over their present stiffness, s, as in :meth:`Waves.response`: a number, or a tuple of
+        that of normal and of all other motion; (n_c,) where balls do not meet others.
+    geometry : "lattice", the directions of the network: displacements are small against the balls, and contacts are those of
+        the network. "exact", the true directions: balls may go anywhere, and meet others.
+    gravity : (3,) or (d,) acceleration of the balls, m/s2, beside the load that holds a state at rest. A state that was
+        found under gravity has that in its load.
 
     Raises
     ------
-    InputError : no network; contacts without force, whose overlap is not known; a law that is no power; a network with
-        ``prestress``, whose static forces act sideways; numbers out of range.
+    InputError : no network; contacts without force, whose overlap is not known; a law that needs the balls of a crystal; a
+        network with ``prestress``, whose static forces act sideways, in the directions of the network; numbers out of range.
     """
 
     def __init__(
         self, x: Any, law: Any = None, *, friction_coefficient: float = math.inf, damping: Any = 0.0,
+        geometry: Literal["lattice", "exact"] = "lattice", gravity: ArrayLike | None = None,
     ) -> None:  # fmt: skip
-        self.network: ContactNetwork = given_network(x)
-        if not isinstance(law, Hertz | PowerLaw | None):
-            why = "The overlaps of a network follow from forces and stiffnesses of a power alone"
-            raise InputError(f"law is {brief(law)}", why, "Give gp.Hertz() or gp.PowerLaw(...)")
-        self.exponent = law.exponent if isinstance(law, PowerLaw) else hertz.EXPONENT
-        force, stiffness = self.network.normal_force, self.network.normal_stiffness
-        if not np.all(force > 0.0):
-            what = f"{np.count_nonzero(force <= 0.0)} of {force.size} contacts have no force"
-            raise InputError(what, "Their overlap is not known", "Press the network, or leave them out")
-        self.overlap: Array = self.exponent * force / stiffness
-        if self.network.prestress:
+        state = x.touch() if isinstance(x, Crystal) else x
+        self.network: ContactNetwork = given_network(state)
+        self._state = state if isinstance(state, CrystalState) else None
+        if geometry not in ("lattice", "exact"):
+            raise InputError(f"geometry is {brief(geometry)}", mend='Give "lattice" or "exact"')
+        self.geometry, network = geometry, self.network
+        if network.prestress and geometry == "lattice":
             why = "Contacts keep their directions in this motion, and static forces would turn them"
-            raise InputError("static forces act sideways in this network", why, "Leave finite_overlap or prestress off")
-        self._powers = _Powers(self.exponent, force, self.overlap)
+            raise InputError("static forces act sideways in this network", why, 'Give geometry="exact"')
+        self.normal = self._find_laws(law, isinstance(x, Crystal))
         self.mu = (
             friction_coefficient
             if friction_coefficient == math.inf
             else not_negative("friction_coefficient", friction_coefficient)
         )
-        self.damping = ContactDamping.of(self.network, damping).times
+        self.damping = ContactDamping.of(network, damping).times
+        field = np.zeros(3)
+        if gravity is not None:
+            given = real_array("gravity", gravity)
+            if given.shape not in ((network.dimension,), (3,)) or not np.all(np.isfinite(given)):
+                raise InputError(f"gravity is {brief(gravity)}", mend=f"Give {network.dimension} finite numbers, m/s2")
+            field[: len(given)] = given
+        self.gravity: Array = field
 
     def __repr__(self) -> str:
-        network = self.network
-        return f"NonlinearWaves({network.n_balls:,} balls, {network.n_contacts:,} contacts, f ~ overlap^{self.exponent:g})"
+        network, of = self.network, ""
+        if isinstance(self.normal, Powers):
+            of = f", f ~ overlap^{self.normal.exponent:g}"
+        return f"NonlinearWaves({network.n_balls:,} balls, {network.n_contacts:,} contacts{of})"
+
+    @property
+    def overlap(self) -> Array:
+        """(n_c,) overlaps at rest, m."""
+        return self.normal.overlap
+
+    def _find_laws(self, law: Any, unloaded: bool) -> Powers | PairLaws:
+        network, state = self.network, self._state
+        force, stiffness = network.normal_force, network.normal_stiffness
+        if state is not None and law is None:
+            springs = state.springs
+            overlap = springs.overlap(np.zeros_like(force) if unloaded else force)
+            exponents = {getattr(one, "exponent", hertz.EXPONENT) for one, _ in springs.groups}
+            if len(exponents) > 1 or not all(isinstance(one, HertzLaw | PowerLaw) for one, _ in springs.groups):
+                return PairLaws(springs.groups, overlap)
+            coefficient = np.empty(network.n_contacts)
+            for one, at in springs.groups:
+                coefficient[at] = one.coefficient  # type: ignore[attr-defined]  # a power
+            return Powers(exponents.pop(), coefficient, overlap)
+        if unloaded or isinstance(law, DMT | JKR):
+            why = "Its contacts are those of balls of known materials, or of no load"
+            raise InputError(f"law is {brief(law)}", why, "Give the law to the Crystal")
+        if not isinstance(law, Hertz | PowerLaw | None):
+            one = law_between(law, RIGID_PLANE, RIGID_PLANE)
+            return PairLaws([(one, np.arange(len(force)))], np.asarray(one.overlap(force), float))
+        if not np.all(force > 0.0):
+            what = f"{np.count_nonzero(force <= 0.0)} of {force.size} contacts have no force"
+            raise InputError(what, "Their overlap is not known", "Press the network, leave them out, or give a Crystal")
+        exponent = law.exponent if isinstance(law, PowerLaw) else hertz.EXPONENT
+        overlap = exponent * force / stiffness
+        return Powers(exponent, force / overlap**exponent, overlap)
+
+    def _join_laws(self, i: Index, j: Index) -> Powers | PairLaws:
+        """Return the laws of the contacts and of pairs (i, j) beside, which just touch."""
+        network, none = self.network, np.zeros(len(i))
+        if self._state is not None:
+            crystal = self._state.crystal
+            kind = np.append(crystal.kind, np.full(network.n_balls - crystal.n_balls, -1))
+            pairs = list(zip(kind[i].tolist(), kind[j].tolist(), strict=True))
+            last = {pair: at for at, pair in enumerate(pairs)}
+            laws: dict[Any, Any] = {pair: crystal.law_of(int(i[at]), int(j[at])) for pair, at in last.items()}
+            if isinstance(self.normal, Powers):
+                return self.normal.join(np.array([laws[pair].coefficient for pair in pairs]), none)
+            groups = [(law, len(network.i) + np.flatnonzero([pair == one for pair in pairs])) for one, law in laws.items()]
+            return PairLaws([*self.normal.groups, *groups], np.append(self.normal.overlap, none), len(i))
+        if isinstance(self.normal, PairLaws):
+            ((law, at),) = self.normal.groups
+            return PairLaws([(law, np.arange(len(at) + len(i)))], np.append(self.normal.overlap, none), len(i))
+        one = self.normal.coefficient / _root_radius(network.radii, network.i, network.j)
+        if np.ptp(one) > _ALIKE * np.mean(one):
+            raise InputError("balls of unlike materials come to touch", "Their contact law is not known", "Give a Crystal")
+        return self.normal.join(np.mean(one) * _root_radius(network.radii, i, j), none)
 
     def run(
         self, duration: float, positions: ArrayLike | None = None, velocities: ArrayLike | None = None,
         drive: Drive | Sequence[Drive] | None = None, *, displacements: ArrayLike | None = None,
         rotations: ArrayLike | None = None, spins: ArrayLike | None = None, frames: int = 201, step: float | None = None,
+        scheme: Literal["verlet", "midpoint"] = "verlet", file: str | os.PathLike[str] | None = None,
+        progress: Progress = silent,
     ) -> Motion:  # fmt: skip
         """Let the balls move for a ``duration``, s.
 
@@ -158,95 +213,148 @@ class NonlinearWaves:
         frames : number of times that are kept, the start and the end among them.
         step : s, of which a frame has a whole number; by default a sixtieth of the shortest period that the stiffest contact
             allows. It is halved, and the run begins anew, if contacts become much stiffer.
+        scheme : "verlet", explicit and symplectic, whose sum of energies differs from a constant by the square of the step;
+            or "midpoint", implicit, four to six times the work, whose sum of energies is constant to rounding, with losses.
+        file : path to which frames are written as they come, for :meth:`Motion.read`; what is there is replaced. It can be
+            read at any time, and after the program was killed.
+        progress : is told how many frames are done.
 
-        Raises
-        ------
-        InputError : shapes and numbers that are not allowed; a drive of nothing, or a force on a body that is held; a
-            ``step`` too long for the stiffest contact.
-        ConvergenceError : a ball leaves its place by half of its diameter.
+        A run that Ctrl-C stops, one whose balls leave their places by half of their diameter (geometry "lattice"), or one
+        for whose contacts the given ``step`` becomes too long, ends there with a
+        :class:`~granphon.base.errors.StoppedEarlyWarning`, and returns what there is.
+
+        Raises :class:`~granphon.base.errors.InputError` for shapes and numbers that are not allowed, a drive of nothing, a
+        force on a body that is held, and a ``step`` too long for the stiffest contact.
         """
         length, count = positive("duration", duration, "s"), whole_number("frames", frames, 2)
-        drives: list[Any] = [] if drive is None else list(drive) if isinstance(drive, list | tuple) else [drive]
-        system = _System(self, drives)
+        if scheme not in ("verlet", "midpoint"):
+            raise InputError(f"scheme is {brief(scheme)}", mend='Give "verlet" or "midpoint"')
         if positions is not None:
             if displacements is not None:
                 raise InputError("positions and displacements are given", mend="Give one of both")
-            places, d = real_array("positions", positions), self.network.dimension
-            if places.shape not in ((self.network.n_balls, 3), (self.network.n_balls, d)):
-                what = f"positions has the shape {places.shape}"
-                raise InputError(what, mend=f"Give ({self.network.n_balls}, 3) numbers, one row for each ball")
+            places = real_array("positions", positions)
+            self._require_shape("positions", places)
             displacements = places - self.network.positions[:, : places.shape[1]]
+        system = _System(self, [] if drive is None else list(drive) if isinstance(drive, list | tuple) else [drive])
         start = [system.read(name, one) for name, one in (
             ("displacements", displacements), ("velocities", velocities), ("rotations", rotations), ("spins", spins)
         )]  # fmt: skip
         x, v = start[0] + start[2], start[1] + start[3]
-        wanted = positive("step", step, "s") if step is not None else system.choose_step(x, v)
+        wanted = system.choose_step(x, v) if step is None else positive("step", step, "s")
+        if step is not None and wanted * _LEAST_STEPS > _STEPS * system.choose_step(x, v):
+            what = f"the step of {wanted:.3g} s is too long for the stiffest contact"
+            raise InputError(what, "It would not be stable", "Leave step out")
+        least = wanted * 2.0**-_HALVINGS
         while True:
             each = max(1, math.ceil(length / (count - 1) / wanted))
             if each * (count - 1) > _MOST_STEPS:
                 what = f"the run takes {each * (count - 1):.3g} steps"
                 raise InputError(what, f"More than {_MOST_STEPS:.0e} are not made", "Give a shorter duration")
-            found = system.integrate(x, v, length / (count - 1) / each, each, count)
-            if found is not None:
-                return found
-            if step is not None:
-                what = f"the step of {wanted:.3g} s is too long"
-                raise InputError(what, "Contacts become so stiff that it is not stable", "Leave step out")
-            wanted *= 0.5
+            network, exact = self.network, length / (count - 1) / each
+            kept = Frames(network, exact, file)
+            stopped = ""
+            with kept, progress.step("motion", count - 1) as told:
+                try:
+                    for frame in system.integrate(x, v, exact, each, count, scheme, kept):
+                        if frame:
+                            told.advance()
+                except KeyboardInterrupt:
+                    stopped = "Ctrl-C"
+                except _Stop as stop:
+                    stopped = str(stop)
+            if stopped == _TOO_LONG and step is None and wanted > least:
+                wanted *= 0.5
+                continue
+            if stopped:
+                at = kept.last_time
+                warnings.warn(f"the motion ends after {at:.4g} s of {length:.4g} s: {stopped}", StoppedEarlyWarning, 2)
+            return kept.join()
+
+    def _require_shape(self, name: str, values: Array) -> None:
+        n, d = self.network.n_balls, self.network.dimension
+        if values.shape not in ((n, 3), (n, d)) or not np.all(np.isfinite(values)):
+            what = f"{name} has the shape {values.shape}"
+            raise InputError(what, mend=f"Give ({n}, 3) finite numbers, one row for each ball")
+
+
+class _Stop(Exception):
+    """A run cannot go on."""
+
+
+_TOO_LONG = "the step is too long for contacts that have become stiffer"
+
+
+def _root_radius(radii: Array, i: Index, j: Index) -> Array:
+    """Return the root of the radius R of contacts, 1/R = 1/R_i + 1/R_j."""
+    return np.asarray(1.0 / np.sqrt(1.0 / radii[i] + 1.0 / radii[j]))
 
 
 class _System:
     """The equations of motion of a network with drives."""
 
     def __init__(self, waves: NonlinearWaves, drives: Sequence[Any]) -> None:
-        network, self.drives, masses = waves.network, drives, waves.network.masses.copy()
-        self.resting = network
-        self.moved: list[tuple[Index, Array]] = []
+        network, self.waves, self.drives = waves.network, waves, drives
+        masses, self.moved, pushed = network.masses.copy(), [], []
         for one in drives:
             if not isinstance(one, Drive) or (one.displacement is None) == (one.force is None):
                 raise InputError(f"drive is {brief(one)}", mend="Give a Drive with a displacement or a force")
-            balls, along = (
-                read_balls("drive", one.balls, network),
-                read_vector("direction", one.direction, network.dimension),
-            )
+            balls = read_balls("drive", one.balls, network)
+            along = read_vector("direction", one.direction, network.dimension)
             if one.force is not None and not np.all(network.moving[balls]):
                 raise InputError("a force acts on a body that is held", mend="Give its displacement")
-            self.moved.append((balls, along))
             if one.displacement is not None:
                 masses[balls] = np.inf
+                self.moved.append((balls, along))
+            else:
+                pushed.append((balls, along))
         self.network = replace(network, masses=masses)
         self.operator = operator = WaveOperator(self.network)
-        self.rows, n = operator.rows, network.n_contacts
-        self.powers, self.mu = waves._powers, waves.mu
-        self.forward = operator.compose(self.rows)
-        self.back = self.forward.T.tocsr()
-        self.ratio = np.array([row.stiffness / network.normal_stiffness for row in self.rows[1:]]).reshape(-1, n)
-        self.slips = np.array([row.kind == "slip" for row in self.rows[1:]], bool)
-        self.viscosity = weigh_rows(self.rows, waves.damping)
-        self.viscosity = self.viscosity * np.array([np.broadcast_to(row.stiffness, n) for row in self.rows])
-        self.held = np.zeros((len(self.rows) - 1, n))
-        if network.tangential_force is not None:
-            axes = list(operator.motions.translations)
-            for place in np.flatnonzero(self.slips).tolist():
-                self.held[place] = -np.sum(
-                    network.tangential_force[:, axes] * self.rows[1 + place].head[:, : len(axes)], axis=1
-                )
-        # what a unit displacement of driven balls adds to the deformations, and a unit force to the accelerations
-        self.strain, self.push = np.zeros((len(drives), len(self.rows) * n)), np.zeros((len(drives), operator.size))
-        for number, (one, (balls, along)) in enumerate(zip(drives, self.moved, strict=True)):
-            vector = np.zeros(operator.motions.count)
-            for place, axis in enumerate(operator.motions.translations):
-                vector[place] = along[axis]
-            driven = np.isin(np.arange(network.n_balls), balls)
-            if one.displacement is not None:
-                self.strain[number] = np.concatenate([
-                    np.where(driven[network.j], row.head @ vector, 0.0) - np.where(driven[network.i], row.tail @ vector, 0.0)
-                    for row in self.rows
-                ])  # fmt: skip
-            else:
-                field = np.where(driven[:, None], vector, 0.0)[operator.balls]
-                self.push[number] = operator.vector(field / np.sqrt(network.masses[operator.balls])[:, None])
-        self._reach = abs(self.back)
+        self.fixed = FixedDirections(operator, self.moved)
+        self._ways = [one.displacement for one in drives if one.displacement is not None]
+        self._lifts = [one.force for one in drives if one.force is not None]
+
+        def field(balls: Index, along: Array, weight: Array) -> Array:
+            vectors = np.zeros((operator.balls.size, operator.motions.count))
+            vectors[np.isin(operator.balls, balls), operator.motions.translating] = along[
+                list(operator.motions.translations)
+            ]
+            return np.asarray(operator.vector(vectors * weight[operator.balls, None]))
+
+        rooted = np.sqrt(np.where(self.network.moving, masses, 1.0))
+        self._push = np.array([field(*one, 1.0 / rooted) for one in pushed]).reshape(len(pushed), operator.size)
+        self._weight = field(np.arange(network.n_balls), waves.gravity, rooted)
+        self._turning = np.asarray(operator.vector(
+            np.broadcast_to(operator.motions.is_rotation, (operator.balls.size, operator.motions.count))
+        ))  # fmt: skip
+        self._begin()
+
+    def _begin(self) -> None:
+        """Let contacts be those of the network."""
+        none = np.zeros(0, np.intp)
+        self._keys: dict[tuple[int, ...], int] = {}
+        self._set(none, none, np.zeros((0, 3), np.intp))
+
+    def _set(self, i: Index, j: Index, shift: Index) -> None:
+        """Let contacts be those of the network and some more."""
+        waves, normal = self.waves, self.waves.normal
+        if waves.geometry == "exact":
+            normal = waves._join_laws(i, j) if len(i) else normal
+            rest = waves.normal.rest
+            self.where: Any = TrueDirections(self.operator, self.fixed, self.moved, rest, (i, j, shift), self._bulge)
+        else:
+            self.where = self.fixed
+        times = waves.damping
+        if len(i):
+            times = np.concatenate([times, np.repeat(times.mean(axis=1, keepdims=True), len(i), axis=1)], axis=1)
+        self.forces = ContactForces(normal, self.where.ratio, self.where.slips, waves.mu, times)
+
+    @property
+    def _bulge(self) -> float:
+        """Overlap at rest less the one that radii and places of the network have, m: a mean."""
+        network, round_ones = self.network, np.flatnonzero(np.isfinite(self.network.distance))
+        i, j = network.i[round_ones], network.j[round_ones]
+        apart = network.distance[round_ones] - network.radii[i] - network.radii[j]
+        return float(np.mean(self.waves.overlap[round_ones] + apart)) if len(i) else 0.0
 
     def read(self, name: str, given: ArrayLike | None) -> Array:
         """Return vectors of balls (n, 3) or (n, d) as mass-weighted motions (size,)."""
@@ -254,10 +362,8 @@ class _System:
         out = np.zeros((operator.balls.size, operator.motions.count))
         if given is None:
             return np.asarray(operator.vector(out))
-        values, d = real_array(name, given), network.dimension
-        if values.shape not in ((network.n_balls, 3), (network.n_balls, d)) or not np.all(np.isfinite(values)):
-            what = f"{name} has the shape {values.shape}"
-            raise InputError(what, mend=f"Give ({network.n_balls}, 3) finite numbers, one row for each ball")
+        values = real_array(name, given)
+        self.waves._require_shape(name, values)
         turns = name in ("rotations", "spins")
         axes = operator.motions.rotations if turns else operator.motions.translations
         columns = operator.motions.turning if turns else operator.motions.translating
@@ -267,140 +373,214 @@ class _System:
         out[:, columns] = values[operator.balls][:, list(axes)] * weight
         return np.asarray(operator.vector(out))
 
-    def find_top(self, stiffness: Array) -> float:
-        """Return a bound of the angular frequencies of contacts of a normal ``stiffness`` (n_c,), rad/s."""
-        each = np.concatenate([stiffness[None], self.ratio * stiffness])
-        rows = self._reach.T @ np.ones(self._reach.shape[0])
-        return math.sqrt(float(np.max(self._reach @ (each.ravel() * rows))))
-
     def choose_step(self, x: Array, v: Array) -> float:
         """Return a step for the contacts at the start, and for those that the fastest ball would press by its own energy."""
-        powers = self.powers
+        normal = self.waves.normal
         energy = 0.5 * float(np.max(np.sum(self.operator.values(v) ** 2, axis=1), initial=0.0))
-        a = powers.exponent
-        deep = (energy * (a + 1.0) / powers.coefficient + powers.overlap ** (a + 1.0)) ** (1.0 / (a + 1.0))
-        _, stiffness = powers.press(np.minimum(powers.overlap - deep, (self.forward @ x)[: len(deep)]))
-        return 2.0 * math.pi / _STEPS / self.find_top(stiffness)
+        e = self.fixed.at(x, np.zeros(len(self.moved)))[0]
+        size = float(np.mean(self.network.radii[self.network.moving]))
+        deep = np.full(len(e), 1e-12 * size)
+        if energy > 0.0:
+            for _ in range(200):
+                short = normal.store(-deep) + normal.rest * deep < energy
+                if not np.any(short):
+                    break
+                deep[short] *= 1.25
+        _, stiffness = normal.press(np.minimum(-deep, e))
+        if np.any(self.waves.gravity):  # what a ball of this network falls by its own size presses
+            stiffness = np.maximum(stiffness, self.network.normal_stiffness)
+        top = self.fixed.top(stiffness)
+        if not top > 0.0:
+            raise InputError("no contact is pressed, and no ball moves", "There is no time scale", "Give a step")
+        return 2.0 * math.pi / _STEPS / top
 
-    def _limit(self, t: Array, change: Array) -> Array:
-        """Return forces ``t`` (kinds, n_c), those of slip within Coulomb's limit of the normal force f_0 + ``change``."""
-        if self.mu < math.inf and np.any(self.slips):
-            size = np.sqrt(np.sum(t[self.slips] ** 2, axis=0))
-            most = self.mu * np.maximum(change + self.powers.rest, 0.0)
-            t[self.slips] *= np.divide(most, size, out=np.ones_like(size), where=size > most)
-        return t
-
-    def integrate(self, x: Array, v: Array, step: float, each: int, count: int) -> Motion | None:
-        """Return the motion of ``count`` frames of ``each`` steps; None if contacts become too stiff for the step."""
-        operator, powers, n = self.operator, self.powers, self.network.n_contacts
-        x, v, slip_rows = x.copy(), v.copy(), len(self.rows) - 1
-        dashed, opens = bool(np.any(self.viscosity)), self.powers.overlap
-        given = [one.displacement for one in self.drives], [one.force for one in self.drives]
-
-        def follow(functions: list[Any], time: float) -> Array:
-            return np.array([0.0 if one is None else float(one(time)) for one in functions])
-
-        place, lift = follow(given[0], 0.0), follow(given[1], 0.0)
-        if np.any(place):
+    def integrate(
+        self, x: Array, v: Array, step: float, each: int, count: int, scheme: str, kept: Frames
+    ) -> Any:  # fmt: skip
+        """Make ``count`` frames of ``each`` steps, and yield after each whether it is kept."""
+        self._begin()
+        x, v = x.copy(), v.copy()
+        ways, lifts = self._follow(0.0)
+        if np.any(ways):
             raise InputError("a displacement does not begin at zero", mend="Give a function that is zero at zero")
-        e = (self.forward @ x + place @ self.strain).reshape(-1, n)
-        change, k = powers.press(e[0])
-        t = self._limit(self.held + self.ratio * k * e[1:], change)
-        dash = np.where(e[0] < opens, self.viscosity * (self.forward @ v).reshape(-1, n), 0.0)
-        pull = np.concatenate([change[None], self.held - t]) - dash
-        accelerate = self.back @ pull.ravel() + lift @ self.push
-        lost = work = 0.0
-        kept: list[tuple[Any, ...]] = []
-
-        turning = operator.vector(
-            np.broadcast_to(operator.motions.is_rotation, (operator.balls.size, operator.motions.count))
-        )
-
-        def keep(time: float, f: Array) -> None:
-            square = v * v
-            k_t = self.ratio * k
-            springs = np.divide(t * t, 2.0 * k_t, out=np.zeros_like(t), where=k_t > 0.0)
-            stored = float(np.sum(powers.store(e[0])) + np.sum(springs) - at_rest - np.sum(self.held * e[1:]))
-            size = np.sqrt(np.sum(t[self.slips] ** 2, axis=0))
-            kinetic = [0.5 * float(np.sum(square[chosen])) for chosen in (~turning, turning)]
-            kept.append((time, x.copy(), v.copy(), f, size, *kinetic, stored, lost, work, place))
-
-        rest_k = self.ratio * powers.press(np.zeros(n))[1]
-        at_rest = float(np.sum(np.divide(self.held**2, 2.0 * rest_k, out=np.zeros_like(t), where=rest_k > 0.0)))
-        keep(0.0, np.maximum(change + powers.rest, 0.0))
+        where, still = self.where, self.where.at(np.zeros_like(x), np.zeros_like(ways))
+        at = where.at(x, ways)
+        touch = self.forces.begin(where.elongation(at), where.since(still, at), where.held)
+        nothing = np.zeros(self.network.n_contacts)
+        at_rest = self.forces.springs(np.concatenate([nothing[None], where.held]), self.forces.normal.press(nothing)[1])
+        sheared, worked = self.forces.springs(touch.pull, touch.k), np.zeros(3)  # of slips, dashpots and drives
         limit = (2.0 * math.pi / _LEAST_STEPS / step) ** 2
+        start = sheared
+        # balls that may meet are listed anew when one has moved by half of the margin
+        skin = _SKIN * 2.0 * float(np.mean(self.network.radii[self.network.moving]))
+        travelled = math.inf
+
+        def keep(number: int) -> None:
+            square, springs = v * v, self.forces.springs(touch.pull, touch.k)
+            stored = float(np.sum(self.forces.normal.store(touch.e))) + springs - at_rest - float(self._weight @ x)
+            normal = self.forces.normal
+            forces = np.where(normal.is_closed(touch.e), touch.pull[0] + normal.rest, 0.0)
+            shears = np.sqrt(np.sum(touch.pull[1 : 1 + self.where.slips] ** 2, axis=0))
+            u, speeds = self._to_balls(x, False), self._to_balls(v, False)
+            time = number * step
+            before, after = (self._follow(max(time + shift * step, 0.0))[0] for shift in (-1, 1)) if self._ways else ((), ())
+            for (balls, along), way, low, high in zip(self.moved, ways, before, after, strict=True):
+                u[balls], speeds[balls] = way * along, (high - low) / (step * (2 if number else 1)) * along
+            kept.keep(
+                {
+                    "times": time, "displacements": u, "velocities": speeds, "rotations": self._to_balls(x, True),
+                    "spins": self._to_balls(v, True), "translation": 0.5 * float(np.sum(square[~self._turning])),
+                    "rotation": 0.5 * float(np.sum(square[self._turning])),
+                    "stored": stored + self.where.rest_energy(at, x), "lost": worked[0] - (springs - start) + worked[1],
+                    "work": worked[2],
+                }, forces, shears, list(self._keys),
+            )  # fmt: skip
+
+        def act(pull: Array, lifts: Array, before: Any = None) -> Array:
+            found = self.where.push(at, pull, before) + self._weight
+            return np.asarray(found + lifts @ self._push if len(lifts) else found)
+
+        damped = self.forces.is_damped
+        speed = np.zeros(len(ways))
+        pull = touch.pull
+        dash: Any = 0.0
+        if damped:
+            dash = self.forces.damp(touch.k, where.rate(at, v, speed))
+            pull = pull + dash
+        acceleration = act(pull, lifts)
+        resist = where.resist(at, pull) if self._ways else speed
+        last = acceleration
+        keep(0)
+        yield False
         for number in range(1, each * (count - 1) + 1):
-            half = v + 0.5 * step * accelerate
-            x += step * half
-            before, before_t, before_k, before_place, before_lift, before_dash = e, t, k, place, lift, dash
-            if self.drives:
-                place, lift = follow(given[0], number * step), follow(given[1], number * step)
-            e = (self.forward @ x).reshape(-1, n)
-            if self.drives:
-                e += (place @ self.strain).reshape(-1, n)
-            moved, old_change = e - before, change
-            change, k = powers.press(e[0])
-            if slip_rows:
-                k_t, old_k = self.ratio * k, self.ratio * before_k
-                rises = moved[0] < 0.0
-                elastic = np.divide(t, old_k, out=np.zeros_like(t), where=old_k > 0.0) + moved[1:]
-                t = np.where(rises, t + 0.5 * (k_t + old_k) * moved[1:], k_t * elastic)
-                t = self._limit(t, change)
-                springs = np.sum(np.divide(t * t, 2.0 * k_t, out=np.zeros_like(t), where=k_t > 0.0))
-                springs -= np.sum(np.divide(before_t**2, 2.0 * old_k, out=np.zeros_like(t), where=old_k > 0.0))
-                lost += float(0.5 * np.sum((t + before_t) * moved[1:]) - springs)
-            pull = np.concatenate([change[None], self.held - t])
-            if dashed:
-                # the speed at the end of the step, but for what dashpots change within it
-                rate = (self.forward @ (half + 0.5 * step * accelerate)).reshape(-1, n)
-                if self.drives:
-                    rate += ((place - before_place) / step @ self.strain).reshape(-1, n)
-                dash = np.where(e[0] < opens, self.viscosity * rate, 0.0)
-                pull = pull - dash
-                lost += float(0.5 * np.sum((dash + before_dash) * moved))
-            accelerate = self.back @ pull.ravel()
-            if self.drives:
-                # bodies that are moved do the work of what resists them, forces that of the ways of balls
-                tension = 0.5 * np.concatenate([-(change + old_change)[None], t + before_t - 2.0 * self.held])
-                tension += 0.5 * (dash + before_dash)
-                work += float(tension.ravel() @ ((place - before_place) @ self.strain))
-                work += float(0.5 * step * half @ ((lift + before_lift) @ self.push))
-                accelerate += lift @ self.push
-            v = half + 0.5 * step * accelerate
+            if self.waves.geometry == "exact":
+                if travelled > 0.5 * skin:
+                    at, touch = self._list(x, ways, touch, skin)
+                    travelled = 0.0
+                travelled += step * self._fastest(v, ways, number * step, step)
+            forces, where = self.forces, self.where
+            new_ways, new_lifts = self._follow(number * step)
+            old_at, old = at, touch
+            if scheme == "verlet":
+                half = v + 0.5 * step * acceleration
+                moved_x = step * half
+                x += moved_x
+                at = where.at(x, new_ways)
+                way = where.since(old_at, at)
+                held = where.turn(old.pull, old_at, at, 0)
+                touch, spent = forces.follow(old, where.elongation(at), way, held)
+                touch.pull[1:] = where.turn(touch.pull, old_at, at, 1)
+                pull = touch.pull
+                if damped:
+                    # the speed at the end of the step, but for what dashpots change within it
+                    rate = where.rate(at, half + 0.5 * step * acceleration, (new_ways - ways) / step)
+                    before, dash = dash, forces.damp(touch.k, rate)
+                    pull = pull + dash
+                    mean = 0.5 * (before + dash) if np.shape(before) == dash.shape else dash
+                    worked[1] += _lose(mean, touch.e - old.e, way)
+                acceleration = act(pull, new_lifts)
+                v = half + 0.5 * step * acceleration
+                if self._ways:
+                    before, resist = resist, where.resist(at, pull)
+                    worked[2] += 0.5 * (before + resist) @ (new_ways - ways)
+            else:
+                guess, size = 2.0 * acceleration - last, math.inf
+                for _ in range(_ITERATIONS):
+                    moved_x = step * (v + 0.5 * step * guess)
+                    at = where.at(x + moved_x, new_ways)
+                    way, e = where.since(old_at, at), where.elongation(at)
+                    held = where.turn(old.pull, old_at, at, 0)
+                    touch, spent = forces.follow(old, e, way, held)
+                    pull = np.concatenate([forces.normal.mean(old.e, e)[None], 0.5 * (held + touch.pull[1:])])
+                    if damped:
+                        dash = forces.damp(0.5 * (old.k + touch.k), np.concatenate([(e - old.e)[None], way]) / step)
+                        pull += dash
+                    found = act(pull, 0.5 * (lifts + new_lifts), old_at)
+                    change, size = float(np.max(np.abs(found - guess))), float(np.max(np.abs(found)))
+                    if change <= _SOLVED * max(size, float(np.max(np.abs(v))) / step):
+                        break
+                    guess = found
+                else:
+                    raise _Stop(_TOO_LONG)
+                touch.pull[1:] = where.turn(touch.pull, old_at, at, 1)
+                last, acceleration = acceleration, guess
+                x += moved_x
+                v = v + step * guess
+                if damped:
+                    worked[1] += _lose(dash, touch.e - old.e, way)
+                if self._ways:
+                    worked[2] += where.resist(at, pull, old_at) @ (new_ways - ways)
+            worked[0] += spent
+            if len(lifts):
+                worked[2] += float(0.5 * (lifts + new_lifts) @ (self._push @ moved_x))
+            ways, lifts = new_ways, new_lifts
             if number % each == 0:
-                keep(number * step, np.maximum(change + powers.rest, 0.0))
-                if self.find_top(k) ** 2 > limit:
-                    return None
-                away = float(np.max(np.abs(self._to_balls(x, False)), initial=0.0))
-                if not away < _AWAY * 2.0 * float(np.mean(self.network.radii[self.network.moving])):
-                    what = f"a ball has left its place by {away:.3g} m after {number * step:.4g} s"
-                    raise ConvergenceError(what, "Contacts are those of the network", "Give a smaller motion")
-        return self._collect(kept, step)
+                keep(number)
+                yield True
+                if self.fixed.top(touch.k) ** 2 > limit or not np.all(np.isfinite(v)):
+                    raise _Stop(_TOO_LONG)
+                if self.waves.geometry == "lattice":
+                    away = float(np.max(np.abs(self._to_balls(x, False)), initial=0.0))
+                    if not away < _AWAY * 2.0 * float(np.mean(self.network.radii[self.network.moving])):
+                        raise _Stop(f"a ball has left its place by {away:.3g} m, and contacts keep their directions")
+
+    def _follow(self, time: float) -> tuple[Array, Array]:
+        """Return the ways of moved bodies and the forces on pushed balls at a time."""
+        return tuple(np.array([float(one(time)) for one in each]) for each in (self._ways, self._lifts))  # type: ignore[return-value]
+
+    def _fastest(self, v: Array, ways: Array, time: float, step: float) -> float:
+        """Return the largest speed of a ball or a moved body, m/s."""
+        moves = self.operator.values(v)[:, self.operator.motions.translating]
+        square = np.einsum("bm,bm->b", moves, moves) / self.network.masses[self.operator.balls]
+        moved = np.abs(self._follow(time)[0] - ways) / step if self._ways else np.zeros(0)
+        return max(math.sqrt(float(np.max(square, initial=0.0))), float(np.max(moved, initial=0.0)))
+
+    def _list(self, x: Array, ways: Array, touch: Touch, skin: float) -> tuple[Any, Touch]:
+        """List the balls that may meet; contacts that are listed again keep their state."""
+        network = self.network
+        at = self.where.at(x, ways)
+        round_ones = np.flatnonzero(np.isfinite(network.radii))
+        periods = network.cell[list(network.pbc)]
+        places = network.positions + at.u.T
+        i, j, cells = find_neighbours(places[round_ones], network.radii[round_ones], periods, skin + max(self._bulge, 0.0))
+        i, j, shift = round_ones[i], round_ones[j], np.zeros((len(i), 3), np.intp)
+        shift[:, list(network.pbc)] = cells
+        flat = np.isinf(network.distance)
+        for wall in np.unique(network.j[flat & np.isinf(network.radii[network.j])]):
+            one = np.flatnonzero(flat & (network.j == wall))[0]
+            plane = network.positions[network.i[one]] + network.arm_i[one] * network.normal[one]
+            gap = (plane + at.u[:, wall] - places[round_ones]) @ network.normal[one] - network.radii[round_ones]
+            near = round_ones[gap < skin]
+            i, j = np.append(i, near), np.append(j, np.full(len(near), wall))
+            shift = np.concatenate([shift, np.zeros((len(near), 3), np.intp)])
+        own = {tuple(key) for key in np.column_stack(orient(network.i, network.j, network.shift)).tolist()}
+        moves = network.moving[i] | network.moving[j]
+        keys = [tuple(key) for key in np.column_stack([i, j, shift])[moves].tolist() if tuple(key) not in own]
+        if set(keys) == set(self._keys):
+            return at, touch
+        table, n = np.array(keys, np.intp).reshape(-1, 5), network.n_contacts
+        before = np.array([self._keys.get(key, -1) for key in keys], np.intp)
+        self._keys = {key: n + place for place, key in enumerate(keys)}
+        self._set(table[:, 0], table[:, 1], table[:, 2:])
+        at = self.where.at(x, ways)
+        change, k = self.forces.normal.press(at.e)
+        pull = np.zeros((8, len(at.e)))
+        old = np.flatnonzero(before >= 0)
+        pull[:, :n], pull[:, n + old] = touch.pull[:, :n], touch.pull[:, before[old]]
+        pull[0] = change
+        return at, Touch(at.e, pull, k)
 
     def _to_balls(self, vector: Array, turns: bool) -> Array:
-        """Return mass-weighted motions (..., size) as vectors (..., n, 3): displacements, or rotations."""
-        operator, network = self.operator, self.network
-        values = operator.values(vector.T)  # (n_free, motions, ...)
-        values = np.moveaxis(values, (0, 1), (-2, -1))
-        axes = operator.motions.rotations if turns else operator.motions.translations
-        columns = operator.motions.turning if turns else operator.motions.translating
+        """Return mass-weighted motions (size,) as vectors (n, 3): displacements, or rotations."""
+        operator, network, motions = self.operator, self.network, self.operator.motions
+        axes = motions.rotations if turns else motions.translations
+        columns = motions.turning if turns else motions.translating
         weight = np.sqrt((network.inertias if turns else network.masses)[operator.balls])[:, None]
-        out = np.zeros((*values.shape[:-2], network.n_balls, 3))
-        whole = np.zeros((*values.shape[:-1], 3))
-        whole[..., list(axes)] = values[..., columns] / weight
-        out[..., operator.balls, :] = whole
+        out = np.zeros((network.n_balls, 3))
+        out[operator.balls[:, None], list(axes)] = operator.values(vector)[:, columns] / weight
         return out
 
-    def _collect(self, kept: list[tuple[Any, ...]], step: float) -> Motion:
-        times, x, v, forces, shears, translation, rotation, stored, lost, work, places = (
-            np.array(one) for one in zip(*kept, strict=True)
-        )
-        displacements, velocities = self._to_balls(x, False), self._to_balls(v, False)
-        for one, ways, (balls, along) in zip(self.drives, places.T, self.moved, strict=True):
-            if one.displacement is not None:
-                displacements[:, balls] = ways[:, None, None] * along
-                velocities[:, balls] = np.gradient(ways, times)[:, None, None] * along
-        return Motion(
-            times, displacements, velocities, self._to_balls(x, True), self._to_balls(v, True), forces, shears, translation,
-            rotation, stored, lost, work, step, self.resting,
-        )  # fmt: skip
+
+def _lose(dash: Array, stretched: Array, moved: Array) -> float:
+    """Return the energy that forces of dashpots take up over deformations."""
+    return float(np.sum(dash[1:] * moved) - np.sum(dash[0] * stretched))

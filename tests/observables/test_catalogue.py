@@ -23,11 +23,10 @@ PACKING = gp.Packing(STEEL, 8e-3, spread=gp.Uniform(2e-6))
 @pytest.fixture
 def impedance():
     """A new observable, by its entry alone: density times longitudinal velocity."""
-    yield gp.observables.register(
+    return gp.observables.register(
         "impedance", "Pa s/m", "acoustic impedance of longitudinal waves",
         lambda of: of.state.effective_density * of.velocities.longitudinal, cost="velocities",
     )  # fmt: skip
-    CATALOGUE.remove("impedance")
 
 
 def expected(force):

@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import granphon as gp
-from granphon.base.errors import ConvergenceError, InputError
+from granphon.base.errors import InputError, StoppedEarlyWarning
 from tests.networks.test_cuts import D, bulk
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
@@ -269,12 +269,29 @@ def test_small_motions_are_modes(lattice):
 
 
 def test_a_ball_that_flies_off_and_a_step_too_long():
-    network = line(1e-9, 4)
-    waves = gp.NonlinearWaves(network)
-    with pytest.raises(ConvergenceError, match="left its place"):
-        waves.run(1.0, velocities=push(network, -5.0), frames=1001, step=1e-5)
-    with pytest.raises(InputError, match="step of 1e-05 s is too long"):
-        waves.run(1e-3, velocities=push(network, 1.0), step=1e-5, frames=101)
+    """What there is until then is returned, with one warning."""
+    waves = gp.NonlinearWaves(line(1e-9, 4))
+    with pytest.warns(StoppedEarlyWarning, match="left its place") as told:
+        motion = waves.run(2e-3, velocities=push(waves.network, -5.0), frames=201)
+    assert len(told) == 1
+    assert 50 < len(motion.times) < 100
+    with pytest.raises(InputError, match="step of 1e-05 s is too long for"):
+        waves.run(1e-3, velocities=push(waves.network, 1.0), step=1e-5, frames=11)
+
+
+def interrupt(time):
+    """A force that the user stops."""
+    if time > 5e-5:
+        raise KeyboardInterrupt
+    return 1.0
+
+
+def test_ctrl_c_keeps_what_there_is(tmp_path):
+    waves, drive = gp.NonlinearWaves(line(10.0, 4)), gp.Drive(0, (1, 0, 0), force=interrupt)
+    with pytest.warns(StoppedEarlyWarning, match="Ctrl-C"):
+        motion = waves.run(1e-4, drive=drive, frames=101, file=tmp_path / "motion.nc")
+    assert 45 < len(motion.times) < 55
+    assert gp.Motion.read(tmp_path / "motion.nc") == motion
 
 
 @pytest.mark.parametrize(
@@ -286,6 +303,8 @@ def test_a_ball_that_flies_off_and_a_step_too_long():
         ({"drive": gp.Drive(9, (1, 0, 0), force=lambda time: 1.0)}, "Balls have the indices"),
         ({"drive": gp.Drive(0, (1, 0, 0), displacement=lambda time: 1e-6)}, "begin at zero"),
         ({"drive": gp.Drive(0, (0, 0, 0), force=lambda time: 1.0)}, "direction"), ({"step": -1.0}, "step"),
+        ({"positions": np.zeros((3, 3))}, "positions has the shape"), ({"scheme": "euler"}, "scheme is"),
+        ({"positions": np.zeros((4, 3)), "displacements": np.zeros((4, 3))}, "positions and displacements"),
     ],
 )  # fmt: skip
 def test_bad_input_is_one_error(change, words):
@@ -302,6 +321,10 @@ def test_what_has_no_overlap_is_refused():
         gp.NonlinearWaves(replace(network, prestress=True))
     with pytest.raises(InputError, match="law is"):
         gp.NonlinearWaves(network, law=gp.JKR(0.1))
+    with pytest.raises(InputError, match="geometry is"):
+        gp.NonlinearWaves(network, geometry="true")
+    with pytest.raises(InputError, match="gravity is"):
+        gp.NonlinearWaves(network, gravity=(0, 1))
     held = replace(network, masses=np.where([True, False, False, False], np.inf, network.masses))
     with pytest.raises(InputError, match="held"):
         gp.NonlinearWaves(held).run(1e-4, drive=gp.Drive(0, (1, 0, 0), force=lambda time: 1.0))

@@ -1,0 +1,133 @@
+"""Files of records that grow: netCDF's classic format, with offsets of 64 bits, which any reader of netCDF opens.
+
+The layout is that of the classic format specification of Unidata's netCDF documentation: a header, the variables that do not
+grow, and then records, each with one entry of every variable that grows. A record that is not yet whole does not count, so
+that a file can be read while it grows, and after the program that wrote it was killed.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections.abc import Mapping
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.base.errors import InputError, MissingFileError, OutputError
+
+Array = NDArray[Any]
+#: marks of lists in a header, and of a type of doubles
+_DIMENSIONS, _VARIABLES, _ATTRIBUTES, _CHARACTERS, _DOUBLES = 10, 11, 12, 2, 6
+
+
+def _text(value: str) -> bytes:
+    raw = value.encode()
+    return struct.pack(">i", len(raw)) + raw + b"\0" * (-len(raw) % 4)
+
+
+def _attributes(values: Mapping[str, str]) -> bytes:
+    if not values:
+        return struct.pack(">ii", 0, 0)
+    parts = [_text(name) + struct.pack(">i", _CHARACTERS) + _text(value) for name, value in values.items()]
+    return struct.pack(">ii", _ATTRIBUTES, len(parts)) + b"".join(parts)
+
+
+class RecordFile:
+    """A file that is being written. What is at the path is replaced.
+
+    Parameters
+    ----------
+    fixed : arrays that do not grow, with the names of their dimensions.
+    growing : shapes of the entries of variables that grow, with the names of their dimensions.
+    units : of variables.
+    about : texts about the file.
+
+    Raises :class:`~granphon.base.errors.OutputError` where the file cannot be written.
+    """
+
+    def __init__(
+        self, path: str | os.PathLike[str], fixed: Mapping[str, tuple[Array, tuple[str, ...]]],
+        growing: Mapping[str, tuple[tuple[int, ...], tuple[str, ...]]], units: Mapping[str, str], about: Mapping[str, str],
+    ) -> None:  # fmt: skip
+        self.path, self._count, self._growing = os.fspath(path), 0, growing
+        sizes: dict[str, int] = {"time": 0}
+        for shape, names in [*((array.shape, names) for array, names in fixed.values()), *growing.values()]:
+            sizes |= dict(zip(names, shape, strict=True))
+        places = {name: number for number, name in enumerate(sizes)}
+        head = _attributes(about)
+        dims = b"".join(_text(name) + struct.pack(">i", size) for name, size in sizes.items())
+        start = b"CDF\x02" + struct.pack(">iii", 0, _DIMENSIONS, len(sizes)) + dims + head
+        start += struct.pack(">ii", _VARIABLES, len(fixed) + len(growing))
+        rows = [(name, names, array.size) for name, (array, names) in fixed.items()]
+        rows += [(name, ("time", *names), int(np.prod(shape, dtype=int))) for name, (shape, names) in growing.items()]
+        parts = []
+        for name, names, size in rows:
+            ids = [len(names), *(places[one] for one in names)]
+            unit = {"units": units[name]} if name in units else {}
+            entry = _text(name) + struct.pack(f">{len(ids)}i", *ids) + _attributes(unit)
+            parts.append((entry + struct.pack(">iI", _DOUBLES, min(8 * size, 2**32 - 4)), 8 * size))
+        place = len(start) + sum(len(entry) + 8 for entry, _ in parts)
+        for entry, size in parts:
+            start += entry + struct.pack(">q", place)
+            place += size
+        try:
+            self._file = open(self.path, "wb")  # noqa: SIM115  # it is open as long as the object is
+            self._file.write(start + b"".join(array.astype(">f8").tobytes() for array, _ in fixed.values()))
+            self._file.flush()
+        except OSError as error:
+            raise OutputError(f"{self.path} cannot be written: {error.strerror}") from None
+
+    def append(self, values: Mapping[str, Any]) -> None:
+        """Write a record; it is in the file when this returns."""
+        try:
+            self._file.write(b"".join(np.asarray(values[name]).astype(">f8").tobytes() for name in self._growing))
+            self._file.flush()
+            self._count += 1
+            self._file.seek(4)
+            self._file.write(struct.pack(">i", self._count))
+            self._file.seek(0, os.SEEK_END)
+            self._file.flush()
+        except OSError as error:
+            raise OutputError(f"{self.path} cannot be written: {error.strerror}") from None
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+
+def read_records(
+    path: str | os.PathLike[str], about: Mapping[str, str], frames: Any = slice(None)
+) -> tuple[dict[str, Array], dict[str, str]]:
+    """Return the arrays of a file of records, those that grow at the ``frames`` alone, and all that it says about itself.
+
+    Raises :class:`~granphon.base.errors.InputError` for a file that is not there, that is no such file, or about which its
+    texts say something else than ``about``.
+    """
+    from scipy.io import netcdf_file
+
+    name = os.fspath(path)
+    try:
+        with netcdf_file(name, "r", mmap=False) as file:
+            found = {key: getattr(file, key, b"").decode() for key in about}
+            if found != dict(about):
+                raise InputError(f"{name} is {found}, not {dict(about)}", mend="Give a file that this version has written")
+            out: dict[str, Array] = {}
+            for key, variable in file.variables.items():
+                values: Any = variable[frames if variable.dimensions[:1] == ("time",) else ()]
+                out[key] = np.array(values, float)
+            return out, {key: value.decode() for key, value in vars(file)["_attributes"].items()}
+    except FileNotFoundError:
+        raise MissingFileError(f"there is no file {name}") from None
+    except (OSError, TypeError, ValueError, KeyError, AttributeError, struct.error) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{name} is not a file of records: {error}") from None

@@ -1,0 +1,199 @@
+"""The forces of contacts in motion: normal laws of any overlap, and tangential forces with Coulomb's limit.
+
+A contact at rest has the overlap h_0 and the force f_0; it is stretched by e, so that its overlap is h = h_0 - e. It pushes
+by its law and is open where that is zero. Slip, twist and rolling s are resisted by forces T whose stiffness is in
+proportion to the normal stiffness, k_t = eta k(h): dT = k_t ds while k rises, and the elastic part T/k_t is kept while k
+falls. Slip ends at Coulomb's limit |T| <= mu f. It is the law of :mod:`granphon.array.friction`. Dashpots add tau k(h) times
+the rate of an elongation (G. Kuwabara and K. Kono, Jpn. J. Appl. Phys. 26, 1230, 1987), and tau' k_t(h) times those of other
+deformations.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.array.friction import slide_back
+from granphon.balls import hertz
+from granphon.balls.contact_laws import opening_overlap
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+#: contacts that are worked on at a time, which stay in the processor's cache
+_BLOCK = 8192
+#: change of an overlap, over the overlap, below which the mean force is that of both ends: the rest is below rounding
+_CLOSE = 1e-5
+
+
+class Powers:
+    """Normal forces c h_+^a of contacts (n,), as functions of their elongation e from rest."""
+
+    def __init__(self, exponent: float, coefficient: Array, overlap: Array) -> None:
+        self.exponent, self.coefficient, self.overlap = exponent, coefficient, overlap
+        self.root, self.rest = np.sqrt(overlap), coefficient * overlap**exponent
+
+    def join(self, coefficient: Array, overlap: Array) -> Self:
+        """Return these laws and some more."""
+        parts = ((self.coefficient, coefficient), (self.overlap, overlap))
+        return type(self)(self.exponent, *(np.concatenate(each) for each in parts))
+
+    def press(self, e: Array, at: slice = slice(None)) -> tuple[Array, Array]:
+        """Return f - f_0, without a difference of near-equal forces, and the stiffness, of the contacts ``at``."""
+        a, c, rest = self.exponent, self.coefficient[at], self.overlap[at]
+        if a == hertz.EXPONENT:
+            change, _, root = hertz.release(rest, self.root[at], e)
+            return c * change, hertz.stiffness_of(c * root)
+        h = np.maximum(rest - e, 0.0)
+        part = np.divide(-e, rest, out=np.zeros_like(e), where=rest > 0.0)
+        with np.errstate(divide="ignore"):
+            change = self.rest[at] * np.expm1(a * np.log1p(np.maximum(part, -1.0)))
+        return np.where(rest > 0.0, change, c * h**a), np.where(h > 0.0, a * c * h ** (a - 1.0), 0.0)
+
+    def mean(self, e: Array, other: Array) -> Array:
+        """Return the mean of f - f_0 on the straight way from one elongation to another."""
+        if self.exponent == hertz.EXPONENT:
+            return self.coefficient * hertz.mean_force(self.overlap - e, self.overlap - other) - self.rest
+        return _mean_of(self, e, other)
+
+    def store(self, e: Array) -> Array:
+        """Return the energy of each contact and of its share of the load, J, since rest: zero at e = 0, and never below."""
+        if self.exponent == hertz.EXPONENT:
+            return np.asarray(self.coefficient * hertz.stretch(self.overlap, self.root, e)[1])
+        a, h = self.exponent, np.maximum(self.overlap - e, 0.0)
+        return self.coefficient * (h ** (a + 1.0) - self.overlap ** (a + 1.0)) / (a + 1.0) + self.rest * e
+
+    def is_closed(self, e: Array) -> NDArray[np.bool_]:
+        """Whether contacts are closed."""
+        return np.asarray(e < self.overlap)
+
+
+class PairLaws:
+    """Normal forces by the laws of pairs (:class:`~granphon.balls.contact_laws.PairLaw`), each of some of the contacts."""
+
+    def __init__(self, groups: Sequence[tuple[Any, Index]], overlap: Array, apart: int = 0) -> None:
+        self.groups, self.overlap, self.least = groups, overlap, np.zeros(len(overlap))
+        for law, at in groups:
+            self.least[at] = opening_overlap(law)
+        self.rest = self._find("force", overlap)
+        start = np.maximum(overlap, self.least)
+        if apart:  # the last are those of balls that may meet, which no load holds
+            self.rest[-apart:], start[-apart:] = 0.0, np.maximum(self.least[-apart:], -np.finfo(float).max)
+        self._energy = self._find("energy", start)
+
+    def _find(self, name: str, overlap: Array) -> Array:
+        out = np.empty(len(self.overlap))
+        for law, at in self.groups:
+            out[at] = getattr(law, name)(overlap[at])
+        return out
+
+    def press(self, e: Array, at: slice = slice(None)) -> tuple[Array, Array]:
+        """As for :class:`Powers`, of all contacts."""
+        h = self.overlap - e
+        return self._find("force", h) - self.rest, np.maximum(self._find("stiffness", h), 0.0)
+
+    def mean(self, e: Array, other: Array) -> Array:
+        """As for :class:`Powers`."""
+        return _mean_of(self, e, other)
+
+    def store(self, e: Array) -> Array:
+        """As for :class:`Powers`; below zero where contacts adhere. Where they have broken it is that at the break."""
+        return self._find("energy", np.maximum(self.overlap - e, self.least)) - self._energy + self.rest * e
+
+    def is_closed(self, e: Array) -> NDArray[np.bool_]:
+        """Whether contacts are closed."""
+        return np.asarray(self.overlap - e > self.least)
+
+
+def _mean_of(law: Powers | PairLaws, e: Array, other: Array) -> Array:
+    """Return the mean force as the change of the energy over that of e, or as that of both ends where these are close."""
+    way = other - e
+    far = np.abs(way) > _CLOSE * np.abs(law.overlap - e)
+    both = 0.5 * (law.press(e)[0] + law.press(other)[0])
+    return np.divide(law.store(e) - law.store(other), way, out=both, where=far)
+
+
+class Touch(NamedTuple):
+    """Contacts at a moment: elongations e (n,), ``pull`` (rows, n) of f - f_0 and forces T of slips, then of the others, and
+    normal stiffnesses k (n,)."""
+
+    e: Array
+    pull: Array
+    k: Array
+
+
+class ContactForces:
+    """The law of all contacts of a motion.
+
+    Attributes
+    ----------
+    normal : the law of the normal forces.
+    ratio : (rows - 1, n) stiffnesses against slip, twist and rolling over the normal one; slips come first.
+    slips : number of slips.
+    mu : of Coulomb's limit.
+    times : (2,) tau of dashpots, or (2, n), s.
+    """
+
+    def __init__(self, normal: Powers | PairLaws, ratio: Array, slips: int, mu: float, times: Array) -> None:
+        self.normal, self.ratio, self.slips, self.mu, self.times = normal, ratio, slips, mu, times
+        n = ratio.shape[1]
+        size = _BLOCK if isinstance(normal, Powers) else max(n, 1)
+        self._blocks = [slice(low, min(low + size, n)) for low in range(0, n, size)]
+
+    def begin(self, e: Array, moved: Array, held: Array) -> Touch:
+        """Return contacts that have come to e and deformations ``moved`` (rows - 1, n) without sliding, but for the limit.
+
+        ``held`` are the tangential forces at rest.
+        """
+        change, k = self.normal.press(e)
+        touch = Touch(e, np.concatenate([change[None], held + self.ratio * k * moved]), k)
+        self._slide(touch.pull, slice(None))
+        return touch
+
+    def follow(self, before: Touch, e: Array, moved: Array, held: Array | None = None) -> tuple[Touch, float]:
+        """Return contacts after deformations ``moved`` (rows - 1, n) on the way to e, and the work of slip, twist and roll.
+
+        ``held`` are the tangential forces before, as they have turned.
+        """
+        after = Touch(e, np.empty(before.pull.shape), np.empty(before.k.shape))
+        old, work = before.pull[1:] if held is None else held, 0.0
+        for at in self._blocks:
+            after.pull[0, at], k = self.normal.press(e[at], at)
+            after.k[at] = k
+            if len(old):
+                least = np.minimum(k, before.k[at])
+                part = np.divide(least, before.k[at], out=np.zeros_like(k), where=before.k[at] > 0.0)
+                t, way = after.pull[1:, at], moved[:, at]
+                np.multiply(self.ratio[:, at], 0.5 * (k + least), out=t)
+                t *= way
+                t += old[:, at] * part
+                self._slide(after.pull, at)
+                work += 0.5 * float(np.einsum("ij,ij->", t + old[:, at], way))
+        return after, work
+
+    def _slide(self, pull: Array, at: slice) -> None:
+        if self.mu < math.inf and self.slips:
+            limit = self.mu * np.maximum(pull[0, at] + self.normal.rest[at], 0.0)
+            shears = np.ascontiguousarray(pull[1 : 1 + self.slips, at])
+            if len(slide_back(shears, limit)[0]):
+                pull[1 : 1 + self.slips, at] = shears
+
+    def damp(self, k: Array, rates: Array) -> Array:
+        """Return what dashpots add to a ``pull`` (rows, n) at the ``rates`` (rows, n) of deformations."""
+        out = rates * k
+        out[0] *= -self.times[0]
+        out[1:] *= self.times[1] * self.ratio
+        return out
+
+    @property
+    def is_damped(self) -> bool:
+        """Whether there are dashpots."""
+        return bool(np.any(self.times))
+
+    def springs(self, pull: Array, k: Array) -> float:
+        """Return the energy of slip, twist and rolling, J."""
+        t, stiffness = pull[1:], 2.0 * self.ratio * k
+        return float(np.sum(np.divide(t * t, stiffness, out=np.zeros_like(t), where=stiffness > 0.0)))

@@ -1,0 +1,277 @@
+"""How contacts deform as balls move, and how their forces act on the balls: in the directions of rest, or in the true ones.
+
+Both take mass-weighted motions x of the balls that move and the ways of the drives. A geometry at a moment has elongations
+(n_c,); between two moments there are slips, twists and rolls (rows - 1, n_c). Forces are a ``pull`` (rows, n_c) of
+:class:`~granphon.waves.contact_forces.Touch`.
+
+In the directions of rest all is linear, by the rows of :mod:`granphon.dynamics.rows`. In the true ones r joins two balls
+and n = r/|r|; arms add up to |r|, and the contact has the overlap h_0 + |r_0| - |r|. A step takes its slips across the mean
+of r before and after; forces across contacts turn with n by the smallest rotation that takes n along, and about n with the
+mean spin of the two balls. So |T| stays, and pairs of forces and torques keep momentum and angular momentum exactly. Loads
+that hold the balls at rest keep their directions.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granphon.array.sparse_matrices import compose
+from granphon.waves.operator import WaveOperator
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+
+class FixedDirections:
+    """Deformations in the directions of the network, which are linear in the motions.
+
+    Attributes
+    ----------
+    count : number of deformations of a contact.
+    slips : number of slips among them, which come first after the elongation.
+    """
+
+    def __init__(self, operator: WaveOperator, moved: list[tuple[Index, Array]]) -> None:
+        network, self.operator, rows = operator.network, operator, operator.rows
+        self.count, self.slips = len(rows), sum(row.kind == "slip" for row in rows)
+        n = network.n_contacts
+        self.ratio = np.array([row.stiffness / network.normal_stiffness for row in rows[1:]]).reshape(-1, n)
+        self._forward = operator.compose(rows)
+        #: forces of a pull: f - f_0 pushes, and T resists
+        self._back = self._forward.T.tocsr()
+        signs = np.where(np.arange(self.count * n) < n, 1.0, -1.0)
+        self._back.data *= signs[self._back.indices]
+        self._reach = abs(self._back)
+        # what a unit way of driven balls adds to the deformations
+        self._strain = np.zeros((len(moved), self.count * n))
+        for number, (balls, along) in enumerate(moved):
+            vector = np.zeros(operator.motions.count)
+            vector[: len(operator.motions.translations)] = along[list(operator.motions.translations)]
+            driven = np.isin(np.arange(network.n_balls), balls)
+            self._strain[number] = np.concatenate([
+                np.where(driven[network.j], row.head @ vector, 0.0) - np.where(driven[network.i], row.tail @ vector, 0.0)
+                for row in rows
+            ])  # fmt: skip
+        self.held = np.zeros((self.count - 1, n))
+        if network.tangential_force is not None:
+            axes = list(operator.motions.translations)
+            for place in range(self.slips):
+                self.held[place] = -np.sum(network.tangential_force[:, axes] * rows[1 + place].head[:, : len(axes)], axis=1)
+
+    def top(self, stiffness: Array) -> float:
+        """Return a bound of the angular frequencies of contacts of a normal ``stiffness`` (n_c,), rad/s."""
+        n = self.held.shape[1]
+        if len(stiffness) > n:  # balls have met
+            stiffness = np.maximum(stiffness[:n], stiffness[n:].max())
+        each = np.concatenate([stiffness[None], self.ratio * stiffness])
+        rows = self._reach.T @ np.ones(self._reach.shape[0])
+        return float(np.sqrt(np.max(self._reach @ (each.ravel() * rows))))
+
+    def at(self, x: Array, ways: Array) -> Array:
+        """Return the deformations (count, n_c)."""
+        found = self._forward @ x
+        if ways.size:
+            found += ways @ self._strain
+        return np.asarray(found.reshape(self.count, -1))
+
+    def rate(self, at: Array, v: Array, ways: Array) -> Array:
+        """Return the rates of all deformations (count, n_c), at velocities ``v`` and speeds of the drives."""
+        return self.at(v, ways)
+
+    def since(self, before: Array, after: Array) -> Array:
+        """Return slips, twists and rolls between two moments."""
+        return np.asarray(after[1:] - before[1:])
+
+    def elongation(self, at: Array) -> Array:
+        """Return e of a moment."""
+        return np.asarray(at[0])
+
+    def turn(self, pull: Array, before: Array, after: Array, half: int) -> Array:
+        """Return the forces across contacts as they have turned in the first or the second half of a step: as they are."""
+        return pull[1:]
+
+    def push(self, at: Array, pull: Array, before: Array | None = None) -> Array:
+        """Return the accelerations (size,) of a pull; with ``before``, its mean over a step."""
+        return np.asarray(self._back @ pull.ravel())
+
+    def resist(self, at: Array, pull: Array, before: Array | None = None) -> Array:
+        """Return the forces (drives,) along each drive with which contacts and loads resist it."""
+        tension = np.concatenate([-pull[:1], pull[1:] - self.held])
+        return np.asarray(self._strain @ tension.ravel())
+
+    def rest_energy(self, at: Array, x: Array) -> float:
+        """Return the energy that static forces across contacts take up, J."""
+        return -float(np.sum(self.held * at[1:]))
+
+
+class Moment(NamedTuple):
+    """Balls at a moment: displacements and rotations (3, n), vectors r across contacts (3, n_c), lengths and elongations."""
+
+    u: Array
+    turned: Array
+    r: Array
+    length: Array
+    e: Array
+
+
+class TrueDirections:
+    """Deformations in the true directions. Slips and rolls are vectors: slip has three rows, twist one, roll three.
+
+    ``rest`` (n_c,) are the normal forces of the network at rest, and ``more`` contacts (i, j, shift) besides, which begin to
+    push where the distance of two balls is that of their radii and a ``bulge``.
+    """
+
+    count, slips = 8, 3
+
+    def __init__(
+        self, operator: WaveOperator, fixed: FixedDirections, moved: list[tuple[Index, Array]], rest: Array,
+        more: tuple[Index, Index, Index], bulge: float,
+    ) -> None:  # fmt: skip
+        network, self.operator, self.top, self._drives = operator.network, operator, fixed.top, moved
+        (i, j, shift), extra = more, len(more[0])
+        self.i, self.j = np.concatenate([network.i, i]), np.concatenate([network.j, j])
+        flat = np.isinf(network.distance)
+        vectors = np.where(flat[:, None], network.normal, network.vector)
+        apart, at_wall = network.positions[j] + shift @ network.cell - network.positions[i], np.isinf(network.radii[j])
+        gap = np.linalg.norm(apart, axis=1) - network.radii[i] - np.where(at_wall, 0.0, network.radii[j]) - bulge
+        for wall in np.unique(j[at_wall]):  # a plane through the places where balls touch it
+            one, own = np.flatnonzero(flat & (network.j == wall))[0], j == wall
+            plane = network.positions[network.i[one]] + network.arm_i[one] * network.normal[one]
+            apart[own] = network.normal[one]
+            gap[own] = (plane - network.positions[i[own]]) @ network.normal[one] - network.radii[i[own]]
+        self._gap = np.append(np.zeros(network.n_contacts), gap)
+        self._r = np.ascontiguousarray(np.concatenate([vectors, apart]).T)
+        self._length = np.sqrt(np.sum(self._r**2, axis=0))
+        self._flat = np.concatenate([flat, at_wall])
+        self._arm = np.concatenate([network.arm_i, network.radii[i]])
+        # arms share the distance, so that torques balance the moment of forces across contacts
+        far = np.where(np.isinf(network.radii[j]), 0.0, network.radii[j])
+        self._share = self._arm / (self._arm + np.concatenate([network.arm_j, far]))
+        stiffness = (network.shear_stiffness, network.torsion_stiffness, network.bending_stiffness)
+        slip, twist, roll = (
+            np.append(one := each / network.normal_stiffness, np.full(extra, np.mean(one))) for each in stiffness
+        )
+        self.ratio = np.array([slip] * 3 + [twist] + [roll] * 3)
+        self.held = np.zeros((7, len(self.i)))
+        if network.tangential_force is not None:
+            self.held[:3, : network.n_contacts] = -network.tangential_force.T
+        both = np.concatenate([self.j, self.i])
+        self._ends = compose([(both, np.arange(len(both)), 1.0)], (network.n_balls, len(both)))
+        self._weights = np.sqrt(np.stack([network.masses, network.inertias])[:, operator.balls])
+        self._rest = np.append(rest, np.zeros(extra))
+        # loads that hold the balls at rest, against forces and torques of contacts
+        still = self.at(np.zeros(operator.size), np.zeros(len(moved)))
+        self._load = np.zeros((6, network.n_balls))
+        self._load = -self._act(still, np.concatenate([np.zeros((1, len(self.i))), self.held]), None)
+
+    def _spread(self, x: Array) -> tuple[Array, Array]:
+        """Return vectors (3, n) of all balls from mass-weighted motions: displacements, and rotations."""
+        motions, balls, n = self.operator.motions, self.operator.balls, self.operator.network.n_balls
+        values, out = x.reshape(len(balls), -1), np.zeros((2, 3, n))
+        kinds = (motions.translations, motions.translating), (motions.rotations, motions.turning)
+        for part, (axes, columns), weight in zip(out, kinds, self._weights, strict=True):
+            for axis, column in zip(axes, np.arange(motions.count)[columns], strict=True):
+                part[axis, balls] = values[:, column] / weight
+        return out[0], out[1]
+
+    def at(self, x: Array, ways: Array) -> Moment:
+        """Return the balls at a moment."""
+        u, turned = self._spread(x)
+        for way, (balls, along) in zip(ways, self._drives, strict=True):
+            u[:, balls] = (way * along)[:, None]
+        across = u[:, self.j] - u[:, self.i]
+        r = np.where(self._flat, self._r, self._r + across)
+        length = np.sqrt(np.sum(r * r, axis=0))
+        # no difference of near-equal lengths
+        e = np.sum((self._r + r) * across, axis=0) / (length + self._length)
+        return Moment(u, turned, r, length, e + self._gap)
+
+    def elongation(self, at: Moment) -> Array:
+        """Return e of a moment."""
+        return at.e
+
+    def _deform(self, n: Array, length: Array, across: Array, turned: Array) -> Array:
+        """Return (7, n_c) slip, twist and roll of contacts of the direction n, of small displacements and rotations."""
+        i, j = turned[:, self.i], turned[:, self.j]
+        arm_i, arm_j = self._arms(length)
+        slip = across - n * np.sum(n * across, axis=0) - _cross(arm_i * i + arm_j * j, n)
+        twist = np.sum(n * (j - i), axis=0)
+        return np.concatenate([slip, twist[None], j - i - n * twist])
+
+    def _arms(self, length: Array) -> tuple[Array, Array]:
+        arm = np.where(self._flat, self._arm, self._share * length)
+        return arm, np.where(self._flat, 0.0, length - arm)
+
+    def since(self, before: Moment, after: Moment) -> Array:
+        """Return slips, twists and rolls between two moments, across the mean of r."""
+        n, length = _mean(before, after)
+        moved = after.u - before.u
+        return self._deform(n, length, moved[:, self.j] - moved[:, self.i], after.turned - before.turned)
+
+    def rate(self, at: Moment, v: Array, ways: Array) -> Array:
+        """Return the rates of all deformations (8, n_c), at velocities ``v`` and speeds of the drives."""
+        moving, spins = self._spread(v)
+        for way, (balls, along) in zip(ways, self._drives, strict=True):
+            moving[:, balls] = (way * along)[:, None]
+        n, across = at.r / at.length, moving[:, self.j] - moving[:, self.i]
+        return np.concatenate([np.sum(n * across, axis=0)[None], self._deform(n, at.length, across, spins)])
+
+    def turn(self, pull: Array, before: Moment, after: Moment, half: int) -> Array:
+        """Return the forces across contacts as they have turned in the first or the second half of a step."""
+        mean, t = _mean(before, after)[0], pull[1:].copy()
+        a, b = (before.r / before.length, mean) if half == 0 else (mean, after.r / after.length)
+        spins = after.turned - before.turned
+        angle = 0.25 * np.sum((spins[:, self.i] + spins[:, self.j]) * mean, axis=0)
+        for part in (t[:3], t[4:]):
+            part -= np.sum(b * part, axis=0) / (1.0 + np.sum(a * b, axis=0)) * (a + b)
+            part[:] = part * np.cos(angle) + _cross(b, part) * np.sin(angle)
+        return t
+
+    def _act(self, at: Moment, pull: Array, before: Moment | None) -> Array:
+        """Return forces and torques (6, n) on all balls, those of loads among them; over a step, that keep its energy."""
+        n, length = (at.r / at.length, at.length) if before is None else _mean(before, at)
+        normal = pull[0] + self._rest
+        if before is not None:
+            normal = normal * np.where(self._flat, 1.0, 2.0 * length / (at.length + before.length))
+        arm_i, arm_j = self._arms(length)
+        force, lever = normal * n - pull[1:4], _cross(n, pull[1:4])
+        bend = pull[4] * n + pull[5:]
+        ends = np.concatenate([
+            np.concatenate([force, arm_j * lever - bend]), np.concatenate([-force, arm_i * lever + bend])
+        ], axis=1)  # fmt: skip
+        return np.asarray((self._ends @ ends.T).T + self._load)
+
+    def push(self, at: Moment, pull: Array, before: Moment | None = None) -> Array:
+        """Return the accelerations (size,) of a pull; with ``before``, its mean over a step."""
+        motions, balls, acting = self.operator.motions, self.operator.balls, self._act(at, pull, before)
+        out = np.empty((len(balls), motions.count))
+        for axes, columns, weight, first in (
+            (motions.translations, motions.translating, self._weights[0], 0),
+            (motions.rotations, motions.turning, self._weights[1], 3),
+        ):
+            for axis, column in zip(axes, np.arange(motions.count)[columns], strict=True):
+                out[:, column] = acting[first + axis, balls] / weight
+        return out.ravel()
+
+    def resist(self, at: Moment, pull: Array, before: Moment | None = None) -> Array:
+        """Return the forces (drives,) along each drive with which contacts and loads resist it."""
+        acting = self._act(at, pull, before)
+        return np.array([-float(np.sum(along @ acting[:3, balls])) for balls, along in self._drives])
+
+    def rest_energy(self, at: Moment, x: Array) -> float:
+        """Return the energy of the loads, J, less what the laws count of it."""
+        return -float(np.sum(self._rest * at.e) + np.sum(self._load[:3] * at.u) + np.sum(self._load[3:] * at.turned))
+
+
+def _mean(before: Moment, after: Moment) -> tuple[Array, Array]:
+    """Return directions and lengths of the mean of r over a step."""
+    r = 0.5 * (before.r + after.r)
+    length = np.sqrt(np.sum(r * r, axis=0))
+    return r / length, length
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])

@@ -1,0 +1,198 @@
+"""Balls that move by true directions, meet others, fall and stick; balances of energy, momentum and angular momentum."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import granphon as gp
+from tests.networks.test_cuts import D, bulk
+
+STEEL = gp.Material(211.65e9, 0.276, 7840.0)
+BALL = gp.Ball(STEEL, D)
+C = 2.0 / 3.0 * STEEL.contact_modulus * math.sqrt(D)  # of f = C overlap^(3/2)
+MASS = STEEL.density * math.pi / 6.0 * D**3
+
+
+def flower(**options):
+    """A ball and its six neighbours, which touch each other and nothing else."""
+    angles = np.arange(6) * math.pi / 3.0
+    places = np.concatenate([[[0.0, 0.0]], D * np.stack([np.cos(angles), np.sin(angles)], axis=1)])
+    return gp.Crystal([BALL] * 7, [], places, **options)
+
+
+def angular_momentum(waves, motion):
+    """(n_f, 3) of balls and spins about the origin, kg m2/s."""
+    masses, inertias = waves.network.masses, waves.network.inertias
+    orbits = np.einsum("n,fna->fa", masses, np.cross(motion.positions, motion.velocities))
+    return orbits + np.einsum("n,fna->fa", inertias, motion.spins)
+
+
+@pytest.mark.claim("nonlinear-balance")
+@pytest.mark.parametrize("geometry", ["lattice", "exact"])
+@pytest.mark.parametrize(("mu", "damping"), [(math.inf, 0.0), (0.2, 1e-7)])
+def test_the_balance_of_energies_closes(geometry, mu, damping):
+    """Of an array that is hit so that contacts open and slide, the midpoint scheme keeps the sum to 1e-9, with losses."""
+    network = bulk("triangular").repeat((3, 3)).cut(1, 1)
+    velocities = 0.5 * np.random.default_rng(0).standard_normal((network.n_balls, 2))
+    waves = gp.NonlinearWaves(network, friction_coefficient=mu, damping=damping, geometry=geometry)
+    motion = waves.run(5e-5, velocities=velocities, frames=6, scheme="midpoint")
+    assert motion.lost[-1] > 0.01 * motion.energy[0]
+    assert_allclose((motion.energy + motion.lost) / motion.energy[0], 1.0, atol=1e-11)
+    other = waves.run(5e-5, velocities=velocities, frames=6)
+    assert_allclose((other.energy + other.lost) / other.energy[0], 1.0, atol=1e-3)
+    assert_allclose(other.velocities, motion.velocities, atol=1e-2)
+
+
+@pytest.mark.claim("nonlinear-balance")
+def test_the_work_of_drives_is_in_the_balance():
+    """A moved ball and a pushed one, with dashpots."""
+    packing = gp.Packing(STEEL, D, lattice="chain", motions="in_plane")
+    network = gp.AveragedLattice(packing).at_force(10.0).network.repeat((12,)).cut(0, 1)
+    drives = [
+        gp.Drive(0, (1, 0, 0), displacement=lambda time: 2e-7 * math.sin(3e5 * time) ** 2),
+        gp.Drive(11, (1, 1, 0), force=lambda time: 2.0 * math.sin(2e5 * time)),
+    ]
+    motion = gp.NonlinearWaves(network, damping=3e-7).run(1e-4, drive=drives, frames=5, scheme="midpoint")
+    assert motion.work[-1] > 1e-9
+    assert_allclose(motion.energy + motion.lost, motion.work, atol=1e-10 * motion.work[-1])
+
+
+@pytest.mark.claim("nonlinear-exact")
+@pytest.mark.parametrize("scheme", ["verlet", "midpoint"])
+def test_momentum_and_angular_momentum_are_exact(scheme):
+    """A cluster that flies apart with friction, dashpots and spins."""
+    waves = gp.NonlinearWaves(flower(), friction_coefficient=0.3, damping=1e-7, geometry="exact")
+    velocities = np.random.default_rng(0).standard_normal((7, 2)) - [0.4, 0.1]
+    spins = np.zeros((7, 3))
+    spins[2, 2] = 100.0
+    motion = waves.run(2e-4, velocities=velocities, spins=spins, frames=5, scheme=scheme)
+    momentum, turning = np.einsum("n,fna->fa", waves.network.masses, motion.velocities), angular_momentum(waves, motion)
+    assert_allclose(momentum - momentum[0], 0.0, atol=1e-13 * 7 * MASS)
+    assert_allclose(turning - turning[0], 0.0, atol=1e-13 * 7 * MASS * D)
+    assert np.max(np.abs(np.diff(motion.spins[:, 0, 2]))) > 1.0
+
+
+def test_exact_directions_of_small_motions_are_those_of_the_lattice():
+    """In space, with friction, twist and rolling: both geometries agree to the ratio of displacement and diameter."""
+    packing = gp.Packing(STEEL, D, lattice="fcc", friction=True, torsion=0.02, bending=0.01)
+    network = gp.AveragedLattice(packing).at_overlap(1e-8 * D).network.repeat((2, 2, 2)).cut(2, 2)
+    random = np.random.default_rng(3)
+    speed = 0.3e-8 * D * math.sqrt(network.normal_stiffness[0] / network.masses[0])
+    start = {"velocities": speed * random.standard_normal((network.n_balls, 3))}
+    start["spins"] = 2.0 * speed / D * random.standard_normal((network.n_balls, 3))
+    found = []
+    for geometry in ("lattice", "exact"):
+        waves = gp.NonlinearWaves(network, friction_coefficient=0.3, geometry=geometry)
+        found.append(waves.run(20.0 * 1e-8 * D / speed, **start, frames=3))
+    for name in ("velocities", "spins"):
+        a, b = (getattr(one, name) for one in found)
+        assert_allclose(b, a, atol=1e-6 * np.abs(a).max())
+
+
+def test_a_contact_turns_with_its_balls():
+    """Two balls that roll about each other as one body keep their forces, in their own frame."""
+    pair = gp.Crystal([BALL] * 2, [], [[0.0, 0.0], [D, 0.0]])
+    rate = 20.0
+    waves = gp.NonlinearWaves(pair, geometry="exact", law=None)
+    # what holds them together on the circle is a spring that pushes from outside: the force of a drive would turn too
+    velocities, spins = np.zeros((2, 3)), np.zeros((2, 3))
+    velocities[:, 1], spins[:, 2] = [-0.5 * rate * D, 0.5 * rate * D], rate
+    motion = waves.run(1e-5, velocities=velocities, spins=spins, frames=3, step=1e-7)
+    assert_allclose(motion.shears, 0.0, atol=1e-9)
+    assert_allclose(motion.spins[:, :, 2], rate, rtol=1e-12)
+
+
+def meeting():
+    """Balls of a chain that are put elsewhere: the last flies at the first, which it did not touch in the chain."""
+    chain = gp.Crystal([BALL] * 3, [], D * np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]))
+    places = D * np.array([[0.0, 0.0], [0.0, 3.0], [-1.01, 0.0]])
+    return gp.NonlinearWaves(chain, geometry="exact"), {"positions": places, "velocities": [[0, 0], [0, 0], [2.0, 0]]}
+
+
+@pytest.mark.claim("nonlinear-exact")
+def test_balls_that_meet():
+    """They exchange their velocities, with the greatest force of Hertz, in a column of its own."""
+    waves, start = meeting()
+    motion = waves.run(0.03 * D / 2.0, **start, frames=1201)
+    assert motion.forces.shape[1] == 3
+    assert motion.met.tolist() == [[0, 2]]
+    assert_allclose(motion.peaks()[1][2], C * (1.25 * 0.5 * MASS / C * 2.0**2) ** 0.6, rtol=1e-4)
+    assert_allclose(motion.velocities[-1, :, 0], [2.0, 0.0, 0.0], atol=1e-5)
+    assert_allclose(motion.arrivals(1e-3)[2], 0.01 * D / 2.0, rtol=0.02)
+
+
+@pytest.mark.parametrize("geometry", ["lattice", "exact"])
+def test_a_ball_settles_into_a_floor_by_its_weight(geometry):
+    """From touch it sinks to (5 m g/2c)^(2/3), and comes back."""
+    column = gp.Crystal.on("chain", [BALL]).cut(0, 1, edges=("floor", "free"))
+    c = 4.0 / 3.0 * STEEL.young_modulus / (1.0 - STEEL.poisson_ratio**2) * math.sqrt(0.5 * D)
+    deep = (2.5 * MASS * 9.81 / c) ** (2.0 / 3.0)
+    waves = gp.NonlinearWaves(column, geometry=geometry, gravity=(-9.81,))
+    motion = waves.run(8e-4, frames=801)
+    assert_allclose(-motion.displacements[:, 0, 0].min(), deep, rtol=1e-4)
+    assert_allclose(motion.energy, 0.0, atol=1e-3 * MASS * 9.81 * deep)
+
+
+def test_a_ball_that_falls_on_a_floor_bounces():
+    """Gravity beside contacts: balls that leave the floor come back to it after 2 v/g."""
+    column = gp.Crystal.on("chain", [BALL]).cut(0, 1, edges=("floor", "free"))
+    waves = gp.NonlinearWaves(column, geometry="exact", gravity=(-9.81,))
+    motion = waves.run(2.2 * 0.02 / 9.81, velocities=[[0.02], [0.0]], frames=401, step=5e-7)
+    highest = int(np.argmax(motion.displacements[:, 0, 0]))
+    assert_allclose(motion.displacements[highest, 0, 0], 0.02**2 / (2.0 * 9.81), rtol=1e-4)
+    assert_allclose(motion.arrivals(0.01)[0], 2.0 * 0.02 / 9.81, rtol=0.02)
+    assert_allclose(motion.velocities[-1, 0, 0], 0.8 * 0.02, rtol=0.05)
+
+
+@pytest.mark.parametrize("law", [gp.JKR(0.1), gp.DMT(0.1)])
+def test_balls_stick_or_part(law):
+    """A slow ball does not come off; a fast one has lost what it takes to break the contact."""
+    pair = gp.Crystal([BALL] * 2, [], [[0.0], [D]], law=law, friction=False)
+    one = law.between(BALL, BALL)
+    rest = float(one.overlap(0.0))
+    well = float(one.energy(one.least_overlap)) - float(one.energy(rest))
+    for share, parts in ((0.9, False), (1.5, True)):
+        speed = math.sqrt(2.0 * share * well / (0.5 * MASS))
+        waves = gp.NonlinearWaves(pair)
+        assert_allclose(waves.overlap, rest)
+        motion = waves.run(3e-4, velocities=[[-0.5 * speed], [0.5 * speed]], frames=31, step=4e-8)
+        apart = motion.displacements[-1, 1, 0] - motion.displacements[-1, 0, 0]
+        assert (apart - rest > -one.least_overlap) == parts
+        if parts:
+            closing = motion.velocities[-1, 1, 0] - motion.velocities[-1, 0, 0]
+            assert_allclose(closing, speed * math.sqrt(1.0 - 1.0 / share), rtol=2e-2)
+
+
+def test_a_table_of_hertz_law_moves_as_hertz_law():
+    packing = gp.Packing(STEEL, D, lattice="chain", motions="longitudinal")
+    network = gp.AveragedLattice(packing).at_force(10.0).network.repeat((20,)).cut(0, 1)
+    overlap = np.geomspace(1e-12, 1e-3, 60)
+    velocities = np.zeros((20, 1))
+    velocities[0] = 0.3
+    found = [
+        gp.NonlinearWaves(network, law=law).run(1e-4, velocities=velocities, frames=5, step=2e-8)
+        for law in (None, gp.TabulatedLaw(overlap, C * overlap**1.5))
+    ]
+    assert_allclose(found[1].forces, found[0].forces, rtol=1e-6, atol=1e-6)
+
+
+def test_a_file_of_a_motion_grows_with_contacts_and_frames(tmp_path):
+    """The frames in the file are those in memory, contacts that came later too, and a part of them can be read."""
+    waves, start = meeting()
+    path = tmp_path / "motion.nc"
+    kept, streamed = (waves.run(0.02 * D / 2.0, **start, frames=61, file=where) for where in (None, path))
+    assert streamed == kept
+    assert kept.forces.shape[1] == 3
+    part = gp.Motion.read(path, frames=slice(10, 40, 3))
+    assert_allclose(part.velocities, kept.velocities[10:40:3])
+    # a record that is not whole does not count
+    raw = path.read_bytes()
+    path.write_bytes(raw + b"\0" * 100)
+    assert gp.Motion.read(path) == kept
+    path.write_bytes(b"not a motion")
+    with pytest.raises(gp.GranphonError, match="not a file of records"):
+        gp.Motion.read(path)
