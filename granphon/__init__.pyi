@@ -117,6 +117,7 @@ from .waves.path_spectra import PathSpectra as PathSpectra
 from .waves.pulses import Pulse as Pulse
 from .waves.response import Peaks as Peaks
 from .waves.response import Response as Response
+from .waves.settings import BandsSettings as BandsSettings
 from .waves.settings import PulseSettings as PulseSettings
 from .waves.settings import ResponseSettings as ResponseSettings
 from .waves.settings import SpectrumSettings as SpectrumSettings

@@ -1,7 +1,7 @@
 """A sample of the disordered array that has been loaded with friction, in SI units.
 
-Forces of the contacts are those that a history has left (:mod:`granphon.array.history`). Under sound, a contact that carries
-load resists compression with its normal stiffness k, and slip with a tangential stiffness for which there are three choices:
+The forces of the contacts follow from a history (:mod:`granphon.array.history`). Under sound, a contact that carries load
+resists compression with its normal stiffness k, and slip with a tangential stiffness for which there are three choices:
 
 ``slide``         eta k; none where the contact slides, that is, bears |T| = mu f
 ``stick``         eta k, where the contact slides too: sound of small amplitude may not take it to the limit again

@@ -44,7 +44,7 @@ class GranphonError(Exception):
     def restate(self, text: str) -> Self:
         """Return an error of the same kind with another text, and with all else that this one knows."""
         other = copy(self)
-        other.args = (text,)
+        other.args = (message(text),)  # as the constructor makes it, by which errors are unpickled
         return other
 
 

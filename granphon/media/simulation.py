@@ -437,8 +437,8 @@ class SimulatedState(ContactState):
     def mean_errors(self) -> dict[str, Any]:
         """Standard error over samples of the force or overlap, as "force_error" (N) or "overlap_error" (m).
 
-        At a given force or pressure it is that of the overlap, at a given overlap that of the force. The dictionary is empty
-        if there is only one sample.
+        At a given force or pressure it is the error of the overlap, at a given overlap the error of the force. The
+        dictionary is empty if there is only one sample.
         """
         name = "force" if self.fixed_overlap else "overlap"
         return {f"{name}_error": self.standard_error(name)} if self.n_samples > 1 else {}
@@ -452,9 +452,9 @@ class SimulatedState(ContactState):
 
         It is a difference over :data:`~granphon.array.sample.STEP` of log f to either side: each sample is solved at two
         more loads, when the exponent or its error is first asked for. The derivative itself is not used, as its variance is
-        infinite: a contact about to open contributes a slope of h^(-1/2). With a history of friction the two loads are those
-        of further loading, 5 % and 15 % above. In the exact geometry the spacing falls with the load, by f/k for each unit
-        of log f; density and pressure follow.
+        infinite: a contact about to open contributes a slope of h^(-1/2). After a history of friction both loads are higher,
+        by 5 % and 15 %. In the exact geometry the spacing falls with the load, by f/k for each unit of log f; density and
+        pressure follow.
         """
         if not self.packing.spread_matters:
             return super().exponent
@@ -516,17 +516,17 @@ class DirectSimulation(MediumBase[SimulatedState]):
         Coulomb's limit, are then part of the statics. ``at_*`` is the state of monotonic loading, and :meth:`path` takes
         loads up and down. By default samples come to rest without friction.
     friction_coefficient : mu of the contacts, zero to infinity; a history needs it.
-    geometry : "exact", directions, lever arms and overlaps follow from positions, with ``finite_overlap`` (prestress and
-        boundary included); or "lattice": contacts keep the directions of the lattice, the limit of small spread, which is
-        faster; or None, the default: a history of friction is then exact, and without one the geometry is that of the
-        lattice if its directions are expected to leave out less than 1e-3 of the shear modulus, at each load, else exact.
-        Equal balls, and balls that differ by more than a fifth of their diameter, have the directions of the lattice.
+    geometry : "exact": directions, lever arms and overlaps follow from positions, with ``finite_overlap`` (prestress and
+        boundary included). "lattice": contacts keep the directions of the lattice, the limit of small spread, which is
+        faster. None, the default: exact for a history of friction; without one "lattice" at loads where it is expected to
+        leave out less than 1e-3 of the shear modulus, else exact. Equal balls, and balls that differ by more than a fifth of
+        their diameter, have the directions of the lattice.
     start : where the loading starts, at rest without friction: a reduced spacing a*, 1/2 by default, or a load as
         {"force": 1.0} (N), {"pressure": ...}, {"overlap": ...} (m). Or "gas": balls lie apart on their sites, and are
-        pressed with friction until they stand; so lattices begin that do not stand without friction.
-    shear_response : tangential stiffness of a contact under sound, after a history: "stick", eta k everywhere, which small
-        cycles of the load meet; or, for a load that goes on in one direction, "slide", none where a contact slides, and
-        "partial_slip", ``eta k (1 - |T|/mu f)^(1/3)``, as if ``|T|`` were about to grow at every contact.
+        pressed with friction until they carry a load; for lattices that are not rigid without friction.
+    shear_response : tangential stiffness of a contact under sound, after a history. "stick": eta k everywhere, as for small
+        cycles of the load. For a load that continues in one direction, "slide": eta k, and zero where a contact slides; or
+        "partial_slip": ``eta k (1 - |T|/mu f)^(1/3)``, as if ``|T|`` were about to grow at every contact.
     step_tolerance : steps of the load are halved until that changes f* by less than this fraction.
     ordered : whether ``at_*`` take the loads in the order given, as :meth:`path` does.
 

@@ -600,8 +600,8 @@ class ContactState(State, Result):
     def contact_lattice(self) -> ContactLattice:
         """Return the lattice of contacts, in reduced units.
 
-        With finite overlap it has the spacing a, the lever arm a/2 and the prestress f/a; then, and with the torsion of a
-        Hertz contact, it is that of a single load: :class:`~granphon.base.errors.InputError` for several.
+        With finite overlap it has the spacing a, the lever arm a/2 and the prestress f/a. With finite overlap or the torsion
+        of a Hertz contact the lattice depends on the load: :class:`~granphon.base.errors.InputError` for several loads.
         """
         if not self.has_one_lattice:
             _ = self.scales  # raises InputError

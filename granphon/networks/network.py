@@ -234,7 +234,7 @@ class ContactNetwork(Result):
 
     @cached_property
     def vector(self) -> Array:
-        """(n_c, 3) from the centre of ball i to that of ball j, m."""
+        """(n_c, 3) from the centre of ball i to the centre of ball j, m."""
         return read_only(self.positions[self.j] + self.shift @ self.cell - self.positions[self.i])
 
     @cached_property
@@ -437,9 +437,9 @@ class ContactNetwork(Result):
         from a plane, z from space, x from a chain. If need be the network is turned, so that the periods that are left lie
         along x or in the xy plane.
 
-        Raises :class:`~granphon.base.errors.InputError` for an axis that is no period, for so few layers that some contacts
-        reach across all of them, if layers do not hang together, and if no ball is left that moves, or one that a clamp
-        holds touches none of those.
+        Raises :class:`~granphon.base.errors.InputError` for an axis that is no period, for so few layers that a contact
+        reaches across all of them, if layers are not connected, if no ball can move, and if a clamped ball touches no ball
+        that moves.
         """
         count, words = whole_number("layers", layers, 1, MOST_CELLS), read_edges(edges)
         periods, n, d = np.flatnonzero(self.pbc), self.n_balls, self.dimension
@@ -609,9 +609,9 @@ class ContactNetwork(Result):
         without a potential is left out, and LAMMPS computes slip with the radii. Contacts with walls are not in ``compute
         pair/local``, and are missing.
 
-        A force that is more than ten times that of Hertz's law at the overlap of its balls, or less than a tenth, is an
-        :class:`~granphon.base.errors.InconsistencyWarning`; what the digits of the file leave open, and contacts below a
-        thousandth of the mean force, do not count.
+        If a force is more than ten times Hertz's force at the overlap of its balls, or less than a tenth, there is an
+        :class:`~granphon.base.errors.InconsistencyWarning`. Rounding in the file, and contacts below a thousandth of the
+        mean force, do not count.
 
         Raises
         ------

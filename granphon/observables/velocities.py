@@ -59,7 +59,7 @@ def local_exponent(state: ContactState) -> Any:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SoundVelocities(Result):
-    """Velocities of long waves, m/s, with the shape of the load followed by that of the directions.
+    """Velocities of long waves, m/s, with the shape of the load followed by the shape of the directions.
 
     Attributes
     ----------

@@ -243,12 +243,11 @@ class Surface:
     def branches(self, q: ArrayLike | None = None, leaky: bool = False, free: bool = False) -> SurfaceBranches:
         """Return the waves of the edge at q (n_q, p - 1): poles outside of the crystal's bands, all of them, to 1e-10.
 
-        With ``leaky`` also resonances within the bands whose width is below a tenth of their frequency, and that have a
-        fiftieth of their energy on top; their width is that of the pole below the real axis, or of first order where the
-        velocity of a wave of the crystal across the edge nearly vanishes. Motions at zero frequency, which deform no
-        contact, are not waves; with ``free`` those that have a thousandth of their energy in the outer layers are listed
-        too, also of a crystal whose own motions cost nothing. Wave vectors nearer to Gamma than 1e-4 of the zone lose
-        digits.
+        ``leaky`` adds resonances within the bands, if their width is below a tenth of their frequency and a fiftieth of
+        their energy is in the top layer. Their width is that of the pole below the real axis; where the velocity of a wave
+        of the crystal across the edge nearly vanishes, it is right to first order. Motions at zero frequency deform no
+        contact and are no waves. ``free`` lists them too, if a thousandth of their energy is in the outer layers, also in a
+        crystal whose bulk has such motions. Wave vectors nearer to Gamma than 1e-4 of the zone lose digits.
         """
         (fractions, points), unit = self._read(q), self._frequency
         found = [self.half_space.find_waves(fractions)]
