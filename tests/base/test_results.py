@@ -358,6 +358,6 @@ def test_an_error_that_is_restated_keeps_all_but_its_text(error):
     told = str(error)
     other = error.restate("elsewhere: short")
     for one in (other, pickle.loads(pickle.dumps(other))):
-        assert (type(one), str(one)) == (type(error), "elsewhere: short")
+        assert (type(one), str(one)) == (type(error), "elsewhere: short.")
         assert vars(one) == vars(error)
     assert str(error) == told

@@ -15,6 +15,7 @@ import bench_crystals
 import bench_effective
 import bench_exact
 import bench_friction
+import bench_motion
 import bench_ordered
 import bench_pulses
 import bench_simulation
@@ -25,7 +26,7 @@ from side_by_side import command_line
 # simulations first: their memory is measured in processes that inherit the peak of this one
 PARTS = bench_simulation.PARTS | bench_arrays.PARTS | bench_ordered.PARTS | bench_crystals.PARTS | bench_calculator.PARTS
 PARTS |= bench_exact.PARTS | bench_effective.PARTS | bench_pulses.PARTS | bench_waves.PARTS | bench_sweeps.PARTS
-PARTS |= bench_friction.PARTS
+PARTS |= bench_friction.PARTS | bench_motion.PARTS
 
 if __name__ == "__main__":
     sys.exit(command_line("Benchmarks of granphon", PARTS, bench_simulation.HUGE_PARTS))

@@ -42,25 +42,11 @@ def pressed():
 
 @pytest.fixture(scope="module")
 def lmp(pressed):
-    try:
-        running = packings.start()
-    except (ImportError, OSError) as error:
-        pytest.skip(f"LAMMPS cannot be loaded: {error}")
+    running = packings.start_or_skip()
     network, crystal = pressed.network, pressed.crystal
     side = np.diag(network.cell)[:2].tolist()
-    running.commands_string(f"""
-        units si
-        dimension 2
-        boundary p p p
-        atom_style sphere
-        atom_modify map array
-        newton off
-        comm_modify vel yes
-        region box block 0 {side[0]!r} 0 {side[1]!r} {-D!r} {D!r}
-        create_box 2 box""")
     places = np.mod(network.positions, [*side, 1.0])
-    running.create_atoms(network.n_balls, np.arange(1, network.n_balls + 1).tolist(), (crystal.kind + 1).tolist(),
-                         places.ravel().tolist())  # fmt: skip
+    packings.fill(running, f"block 0 {side[0]!r} 0 {side[1]!r} {-D!r} {D!r}", places, (crystal.kind + 1).tolist())
     for ball, (radius, mass) in enumerate(zip(network.radii.tolist(), network.masses.tolist(), strict=True), 1):
         running.command(f"set atom {ball} diameter {2.0 * radius!r} mass {mass!r}")
     running.commands_string(f"pair_style granular\n{coefficients(False)}\nneighbor 1e-4 bin\ntimestep 1e-12\nrun 0")

@@ -1,0 +1,89 @@
+"""Benchmarks of balls in motion: steps of an array with friction against LAMMPS, and a million balls, a thousand steps."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from side_by_side import Part, Row, alternate, over, run_alone, spend
+
+#: balls on a side of the array that LAMMPS takes too, and of the largest one; steps
+SIDE, LARGE, STEPS, MANY = 32, 1000, 200, 1000
+OVERLAP, MU, D = 1e-5, 0.3, 8e-3
+
+
+def array(side: int) -> tuple[Any, Any, float, float]:
+    """Return waves of a triangular array of steel balls with rotations and friction, random velocities, and a step."""
+    import granphon as gp
+
+    steel = gp.Material(young_modulus=193e9, poisson_ratio=0.30, density=8000.0)
+    network = gp.AveragedLattice(gp.Packing(steel, D)).at_overlap(OVERLAP * D).network.repeat((side, side))
+    own = float(np.sqrt(network.normal_stiffness[0] / network.masses[0]))
+    velocities = np.zeros((network.n_balls, 3))
+    velocities[:, :2] = OVERLAP * D * own * np.random.default_rng(0).standard_normal((network.n_balls, 2))
+    return gp.NonlinearWaves(network, friction_coefficient=MU), velocities, 0.02 / own, steel
+
+
+def in_lammps(waves: Any, velocities: Any, step: float, steel: Any) -> Any:
+    """Return an instance of LAMMPS with the same balls, which has made no step."""
+    import ctypes
+
+    sys.path.insert(0, str(Path(__file__).parents[2]))
+    from tests import packings
+
+    network, lmp = waves.network, packings.start()
+    cell = (1.0 - OVERLAP) * network.cell
+    (a, _, _), (tilt, b, _), _ = cell.tolist()
+    places = np.zeros((network.n_balls, 3))
+    inside = (1.0 - OVERLAP) * network.positions[:, :2] @ np.linalg.inv(cell[:2, :2])
+    places[:, :2] = np.mod(inside + 0.01, 1.0) @ cell[:2, :2]
+    packings.fill(lmp, f"prism 0 {a!r} 0 {b!r} {-D!r} {D!r} {tilt!r} 0 0", places)
+    nu, modulus = steel.poisson_ratio, steel.young_modulus
+    slip = f"mindlin_rescale/force {2.0 * modulus / (1.0 + nu) / (2.0 - nu)!r} 0 {MU}"
+    lmp.commands_string(f"""
+        set group all diameter {D!r} mass {float(network.masses[0])!r}
+        pair_style granular
+        pair_coeff * * hertz {2.0 / 3.0 * modulus / (1.0 - nu**2)!r} 0 tangential {slip} damping velocity
+        neighbor 1e-3 bin
+        fix move all nve/sphere
+        timestep {step!r}""")
+    lmp.scatter_atoms("v", 1, 3, (ctypes.c_double * velocities.size)(*velocities.ravel()))
+    return lmp
+
+
+def motion(repeats: int) -> list[Row]:
+    """Steps against LAMMPS's on one core, in turns, and a million balls alone."""
+    waves, velocities, step, steel = array(SIDE)
+    found = []
+    try:
+        lmp = in_lammps(waves, velocities, step, steel)
+    except (ImportError, OSError):
+        print("LAMMPS cannot be loaded: motion is not compared", file=sys.stderr)
+    else:
+        seconds = alternate(
+            repeats, ours=lambda: waves.run(STEPS * step, velocities=velocities, frames=2, step=step),
+            lammps=lambda: lmp.command(f"run {STEPS} post no"),
+        )  # fmt: skip
+        what = f"{STEPS} steps of {SIDE}x{SIDE} balls with rotations and friction: over LAMMPS's pair granular, one core"
+        found.append(over(what, seconds, "ours", "lammps", 1.1))
+    run = run_alone(f"bench_motion.alone({LARGE}, {MANY})")
+    assert run["balance"] < 1e-3, "the sum of energies is wrong: the time would mean nothing"
+    what = f"{MANY} steps of {LARGE}x{LARGE} balls with rotations and friction"
+    return [
+        *found, Row(f"{what}: time of the processor", run["busy"], "s", 1500.0),
+        Row(f"{what}: peak memory of the process", run["GiB"], "GiB", 3.0),
+    ]  # fmt: skip
+
+
+def alone(side: int, steps: int) -> None:
+    """Print what steps of a large array take."""
+    waves, velocities, step, _ = array(side)
+    run, spent = spend(lambda: waves.run(steps * step, velocities=velocities, frames=2, step=step))
+    balance = abs(float((run.energy + run.lost)[-1] / run.energy[0]) - 1.0)
+    print(json.dumps({**spent, "balance": balance}))
+
+
+PARTS: dict[str, Part] = {"motion": motion}
