@@ -164,18 +164,25 @@ for call in (lambda: gp.Packing(steel, 8e-3, lattice="nothing"), lambda: gp.Crys
     except gp.GranphonError as error:
         print(error)
 """
+    code += """
+from granphon.__main__ import main
+sys.argv = ["granphon", "doctor"]
+main()
+"""
     paths = os.pathsep.join([str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])])
     run = subprocess.run(
         [sys.executable, "-c", code], env=os.environ | {"PYTHONPATH": paths}, capture_output=True, text=True, check=False
     )
     assert run.returncode == 0, run.stderr
-    values, lattice, law = run.stdout.splitlines()
+    values, lattice, law, *doctor = run.stdout.splitlines()
     assert values == "[2.0, 4.0]"
     why = "The plug-in bad of extra could not be loaded: ModuleNotFoundError: No module named 'no_such_module'"
     assert lattice.startswith(f"unknown lattice 'nothing'. {why}.")
     assert "rows" in lattice
     assert why in law
     assert "'half'" in law
+    told = [line.split(maxsplit=5) for line in doctor if "the plug-in" in line]
+    assert [line[-1].split(":")[0] for line in told] == ["loaded", "failed"]
 
 
 def test_every_table_is_a_registry():

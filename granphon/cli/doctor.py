@@ -13,6 +13,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from granphon.base.registry import load_plugins
 from granphon.base.scales import write_quantity
 from granphon.cli.app import ABOUT, command
 from granphon.cli.terminal import say, say_table
@@ -62,6 +63,9 @@ def describe_system() -> None:
     say_table([(name, _find_version(name, module)) for name, module in REQUIRED.items()])
     say("Optional packages")
     say_table([(name, _try_optional(name, module)) for name, module in OPTIONAL.items()])
+    if plugins := load_plugins():
+        say("Plug-ins")
+        say_table([(name, "loaded" if why is None else f"failed: {_hide_paths(why)}") for name, why in plugins.items()])
     say("Processors and memory")
     usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     said = [f"{name}={_hide_paths(os.environ[name])}" for name in _THREADS if name in os.environ]

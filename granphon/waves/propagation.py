@@ -31,6 +31,7 @@ from scipy.fft import dct
 from scipy.special import jv
 
 from granphon.base.errors import InstabilityError
+from granphon.dynamics.damping import ContactDamping
 from granphon.waves.chebyshev import polynomials
 from granphon.waves.operator import UNSTABLE, WaveOperator
 
@@ -256,13 +257,13 @@ class ViscousPropagation:
     operator : D.
     push : (size,) mass-weighted forces, N/kg^1/2, that the burst multiplies.
     burst : the force in time.
-    damping : times tau of normal motion (elongation), and of all other deformations, s.
+    damping : of the contacts.
     """
 
-    def __init__(self, operator: WaveOperator, push: Array, burst: ToneBurst, damping: tuple[float, float]) -> None:
+    def __init__(self, operator: WaveOperator, push: Array, burst: ToneBurst, damping: ContactDamping) -> None:
         self.operator, self.burst = operator, burst
-        self._viscous = operator.weigh(np.multiply.outer(damping, np.ones(operator.network.n_contacts)))
-        self._shift = float(0.5 * max(damping) * operator.top**2)
+        self._viscous = operator.weigh(damping.times)
+        self._shift = float(0.5 * np.max(damping.times) * operator.top**2)
         amplitudes, self._omegas = burst.waves
         self._radius = max(operator.top, float(np.max(self._omegas)))
         self._alpha = _LARGE * float(np.linalg.norm(push)) / self._radius

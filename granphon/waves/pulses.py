@@ -24,6 +24,7 @@ from granphon.base.results import Result, read_only
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
 from granphon.base.validation import finite_array, not_negative, positive, real_array
+from granphon.dynamics.damping import ContactDamping
 from granphon.networks.network import ContactNetwork, number_pieces
 from granphon.waves.modes import require_stable
 from granphon.waves.operator import WaveOperator, make_operator
@@ -826,7 +827,8 @@ def transmit(network: ContactNetwork, wanted: PulseSource, operator: WaveOperato
             top = np.max(np.linalg.eigvalsh(operator @ np.eye(operator.size)))
         if squared > top * (1.0 + 1e-6):
             raise _explain_unreachable(burst.frequency, f"{math.sqrt(top) / (2.0 * math.pi):.6g} Hz")
-    _require_short(operator, route.last, max(tau, across), across != tau)
+    damped = ContactDamping.of(course.network, (tau, across))
+    _require_short(operator, route.last, float(np.max(damped.times)), across != tau)
     place = np.full(network.n_balls, -1)
     place[operator.balls] = np.arange(operator.balls.size)
     axes = list(operator.motions.translations)
@@ -838,7 +840,7 @@ def transmit(network: ContactNetwork, wanted: PulseSource, operator: WaveOperato
     forces = operator.vector(moved)
     propagation = (
         Propagation(operator, forces, burst, route.last, tau) if across == tau
-        else ViscousPropagation(operator, forces, burst, (tau, across))
+        else ViscousPropagation(operator, forces, burst, damped)
     )  # fmt: skip
     signals, displaced, moving = propagation.follow(
         lambda vector: root[receivers] * (operator.values(vector)[receivers, : e.size] @ e),

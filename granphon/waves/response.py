@@ -258,6 +258,10 @@ def find_response(
         worst = unsure[np.argmax(error[unsure])]
         where = f"{counted(unsure.size, 'frequency', 'frequencies')}, up to {error[worst]:.1e} at {hertz[worst]:.6g} Hz"
         why = "hardly anything reaches the receivers, or a mode hardly loses energy"
+        most = np.max((error * np.max(np.abs(values), axis=1))[error >= 1.0], initial=0.0)
+        if most > 0.0:
+            below = write_quantity(float(most), QUANTITIES[quantity], 2)
+            why += f"; where it is above 1, all that is known is that they are below {below}"
         warnings = (f"the error of the response is above {_UNSURE:g} at {where}: {why}.",)
     return Response(
         hertz, values, quantity, sources, pushes, receivers, directions, error, factored, steps, warnings
@@ -384,6 +388,10 @@ class _Problem:
             price = factor * n**power if fits and method is None else None
             space = self._make_first_order(omega) if self.even is None else self._make_even(omega, self.even)
             values, error, steps = self._follow_lanczos(space, price, tolerance)
+            # what arrives deep in a gap is less than the rounding of a Krylov space; factors have all of its digits
+            deep = np.flatnonzero(np.isfinite(error) & (error > max(_UNSURE, tolerance)))
+            if price is not None and deep.size * price <= _MOST:
+                error[deep] = np.inf
         left = np.flatnonzero(np.isinf(error))
         if left.size and (method == "krylov" or not fits):
             hardest = write_quantity(float(omega[left[0]]) / (2.0 * math.pi), "Hz", 4)
@@ -477,11 +485,11 @@ class _Problem:
             drive, x, found = drive.astype(matrix.dtype), np.zeros(operator.size, matrix.dtype), values[row]
             try:
                 factors = factorise(matrix, pivot=PIVOT, order="NATURAL")
-                for _ in range(_SOLUTIONS):
+                for solution in range(_SOLUTIONS):
                     x += (change := factors.solve(drive - matrix @ x))
                     before, found = found, self._listen(x[place])
                     error[row] = np.max(np.abs(found - before)) / (np.max(np.abs(found)) or 1.0)
-                    if error[row] <= TOLERANCE:
+                    if solution and error[row] <= TOLERANCE:
                         break
             except RuntimeError:  # exactly singular
                 raise _explain_resonance(w) from None
@@ -540,7 +548,7 @@ class _Problem:
                     error[place] = np.finfo(float).eps * step * growth + least / (
                         float(np.max(np.abs(found))) or least or 1.0
                     )
-                    if error[place] > tolerance and rest > _ROUNDING * size:
+                    if error[place] > tolerance and rest > _ROUNDING * size * growth:
                         unsolved.append(place)
                 left = np.array(unsolved, int)
             if complete:

@@ -266,6 +266,37 @@ def test_large_network_takes_a_krylov_space_and_factors_where_nothing_is_lost():
         waves.response(hertz[-1:], *places, method="krylov")
 
 
+def test_receiver_that_hears_nothing_is_no_resonance():
+    # across a line of balls that is pushed along itself nothing moves; and far above the band less than the least number
+    network = ideal("square", 0.5).repeat((1, 1)).cut(1, 8)
+    found = gp.Waves(network).response([0.3 * HERTZ], (0, "y"), (5, "x"))
+    assert np.abs(found.values[0, 0]) < 1e-20
+    far = gp.Waves(chain(400, ("clamped", "free"))).response([6.0 * HERTZ], (1, "x"), (399, "x"))
+    assert far.values[0, 0] == 0.0
+
+
+@pytest.mark.claim("response-gap")
+def test_factors_have_all_digits_deep_in_a_gap():
+    # above all modes 1/(omega^2 - D) is a sum of powers of D, of which each loses no digit
+    waves = gp.Waves(ideal("triangular", 0.5).repeat((20, 1)).cut(1, 60))
+    network, matrix = waves.network, waves.operator.matrix
+    hertz = 4.0 * HERTZ * np.array([1.5, 2.5])
+    found = waves.response(hertz, (0, "x"), ([3, 700, 1190], "x"), method="direct")
+    assert np.max(np.abs(found.values[:, 2])) < 1e-60 * np.max(np.abs(found.values[:, 0]))
+    for row, omega in zip(found.values, 2.0 * np.pi * hertz, strict=True):
+        term = np.zeros(waves.operator.size)
+        term[0] = -1.0 / (network.masses[0] * omega**2)
+        total = np.zeros(term.size)
+        for _ in range(2000):
+            total, term = total + term, matrix @ term / omega**2
+        assert_allclose(row, waves.operator.values(total)[[3, 700, 1190], 0], rtol=1e-10)
+    far = waves.response(hertz, (0, "x"), (1190, "x"), method="krylov")
+    assert "all that is known is that they are below" in far.warnings[0]
+    assert waves.response(hertz, (0, "x"), (1190, "x")).factorisations == 2
+    assert np.all(far.error > 1.0)
+    assert np.all(np.abs(far.values[:, 0] - found.values[:, 2]) < far.error * np.abs(far.values[:, 0]))
+
+
 @pytest.mark.claim("response-pulse")
 @pytest.mark.parametrize("tangential", [None, 0.3])
 def test_fourier_transform_of_a_pulse_is_the_response(tangential):
