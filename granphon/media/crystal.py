@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from operator import attrgetter
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -75,10 +75,18 @@ class Faces:
         """Whether both faces are walls, of which a load moves the upper one."""
         return "free" not in self.edges
 
-    @property
-    def is_held(self) -> bool:
-        """Whether a face is a wall."""
-        return self.edges != ("free", "free")
+
+class Side(NamedTuple):
+    """One face of a cut: its axis, which side it is on (-1 lower, 1 upper), how it is held, and the balls there.
+
+    ``wall`` is the number of the wall that a load moves; -1 if it moves none.
+    """
+
+    axis: int
+    sign: float
+    edge: str
+    balls: Index
+    wall: int
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
@@ -430,13 +438,13 @@ class Crystal(Result):
     def _require_joined(self) -> None:
         """Raise :class:`InputError` unless all balls hang together, or stand on a floor or clamp, and faces have balls."""
         n, p, table = self.n_balls, self.periods, self.contacts
-        if not all(at.size for face in self.faces for at in face.balls):
+        if not all(one.balls.size for one in self._sides):
             what, why = f"no ball is left at a face of crystal {self.name!r}", "It could be neither held nor pressed there"
             raise InputError(what, why, "Remove balls first, and cut then")
         if not self.n_contacts:
             raise InputError(f"no balls of crystal {self.name!r} touch", mend="Give more layers, or remove fewer balls")
         i, j, shift = [table.i], [table.j], [table.shift]
-        held = [at for face in self.faces for word, at in zip(face.edges, face.balls, strict=True) if word != "free"]
+        held = [one.balls for one in self._sides if one.edge != "free"]
         if held:  # a wall extends along all periods
             at = np.unique(np.concatenate(held))
             i += [at, np.full(p, n)]
@@ -476,7 +484,7 @@ class Crystal(Result):
     @property
     def n_contacts(self) -> int:
         """Number of contacts in the cell, those with floors among them, which come last."""
-        return len(self.contacts) + sum(len(at) for _, _, at in self._floors)
+        return len(self.contacts) + sum(len(one.balls) for one in self._floors)
 
     @property
     def measure(self) -> float:
@@ -511,7 +519,7 @@ class Crystal(Result):
     @property
     def is_held(self) -> bool:
         """Whether a floor or clamp holds balls of it."""
-        return any(face.is_held for face in self.faces)
+        return any(one.edge != "free" for one in self._sides)
 
     @property
     def downward(self) -> Array:
@@ -519,9 +527,9 @@ class Crystal(Result):
 
         Raises :class:`~granphon.base.errors.InputError` if no face is.
         """
-        for face in self.faces:
-            if face.is_held:
-                return np.asarray((-1.0 if face.edges[0] != "free" else 1.0) * np.eye(self.dimension)[face.axis])
+        for one in self._sides:
+            if one.edge != "free":
+                return np.asarray(one.sign * np.eye(self.dimension)[one.axis])
         what = f"nothing holds crystal {self.name!r} against gravity"
         raise InputError(what, mend='Cut it with a floor or clamp: c.cut(axis, layers, ("floor", "free"))')
 
@@ -531,21 +539,25 @@ class Crystal(Result):
         return read_only(np.array([ball.mass for ball in self.kinds])[self.kind])
 
     @cached_property
-    def _floors(self) -> list[tuple[int, float, Index]]:
-        """The floors: axis, side (-1 lower, 1 upper), and the balls that touch each."""
-        return [
-            (face.axis, side, at)
-            for face in self.faces
-            for side, word, at in zip((-1.0, 1.0), face.edges, face.balls, strict=True)
-            if word == "floor"
-        ]
+    def _sides(self) -> list[Side]:
+        """The faces of all cuts, the lower before the upper of each."""
+        out, walls = list[Side](), 0
+        for face in self.faces:
+            for sign, edge, balls in zip((-1.0, 1.0), face.edges, face.balls, strict=True):
+                out.append(Side(face.axis, sign, edge, balls, walls if face.is_pressed and sign > 0.0 else -1))
+            walls += face.is_pressed
+        return out
+
+    @property
+    def _floors(self) -> list[Side]:
+        return [one for one in self._sides if one.edge == "floor"]
 
     @cached_property
     def _pairs(self) -> tuple[list[tuple[Body, Body, str, str]], Index]:
         """The different pairs of kinds that touch, with their names, and the number (n_c,) of the pair of each contact."""
         table, m = self.contacts, len(self.kinds)
         one, other = self.kind[table.i], self.kind[table.j]
-        at_floor = np.concatenate([np.zeros(0, np.intp), *(self.kind[at] for _, _, at in self._floors)])
+        at_floor = np.concatenate([np.zeros(0, np.intp), *(self.kind[one.balls] for one in self._floors)])
         low = np.concatenate([np.minimum(one, other), at_floor])
         high = np.concatenate([np.maximum(one, other), np.full(len(at_floor), m)])
         keys, number = np.unique(low * (m + 1) + high, return_inverse=True)
@@ -623,16 +635,10 @@ class Crystal(Result):
         n, d, p, table = self.n_balls, self.dimension, self.periods, self.contacts
         radii, bulges = self._mean_radii, self._bulges
         place, rider = np.zeros(n, np.intp), np.full(n, -1, np.intp)
-        walls: list[tuple[int, int]] = []  # axis and number of balls of each wall that moves
-        wall_of = {}
-        for number, face in enumerate(self.faces):
-            if face.is_pressed:
-                wall_of[number] = len(walls)
-                walls.append((face.axis, len(face.balls[1])))
-            for upper, word, at in zip((False, True), face.edges, face.balls, strict=True):
-                if word == "clamped":
-                    place[at] = -1
-                    rider[at] = wall_of.get(number, -1) if upper else -1
+        walls = [(face.axis, len(face.balls[1])) for face in self.faces if face.is_pressed]  # axis, balls: those that move
+        for side in self._sides:
+            if side.edge == "clamped":
+                place[side.balls], rider[side.balls] = -1, side.wall
         free = place == 0
         place[free] = np.arange(np.count_nonzero(free))
         n_free = d * int(np.count_nonzero(free))
@@ -648,25 +654,22 @@ class Crystal(Result):
                 parts.append((rows[moves] + a, d * place[ends[moves]] + a, sign))
             rides = rider[ends] >= 0
             if np.any(rides):
-                axis = np.array([one for one, _ in walls])[rider[ends[rides]]]
-                parts.append((rows[rides] + axis, first_wall + rider[ends[rides]], sign))
+                across = np.array([one for one, _ in walls])[rider[ends[rides]]]
+                parts.append((rows[rides] + across, first_wall + rider[ends[rides]], sign))
         for number, (a, b) in enumerate(pairs):
             parts.append((rows + a, n_free + number, table.vector[:, b] / length))
             if a != b:
                 parts.append((rows + b, n_free + number, table.vector[:, a] / length))
         vectors, start, offsets = [table.vector], len(table), [bulges[table.i] + bulges[table.j]]
-        for number, face in enumerate(self.faces):
-            for side, word, at in zip((-1.0, 1.0), face.edges, face.balls, strict=True):
-                if word != "floor":
-                    continue
-                own = (start + np.arange(len(at))) * d + face.axis
-                moves = place[at] >= 0
-                parts.append((own[moves], d * place[at[moves]] + face.axis, -1.0))
-                if side > 0.0 and number in wall_of:
-                    parts.append((own, first_wall + wall_of[number], 1.0))
-                vectors.append(side * radii[at, None] * np.eye(d)[face.axis])
-                offsets.append(bulges[at])
-                start += len(at)
+        for axis, sign, _, at, wall in self._floors:
+            own = (start + np.arange(len(at))) * d + axis
+            moves = place[at] >= 0
+            parts.append((own[moves], d * place[at[moves]] + axis, -1.0))
+            if wall >= 0:
+                parts.append((own, first_wall + wall, 1.0))
+            vectors.append(sign * radii[at, None] * np.eye(d)[axis])
+            offsets.append(bulges[at])
+            start += len(at)
         vector = np.concatenate(vectors)
         flat = np.arange(len(vector)) >= len(table)
         motion = compose(parts, (len(vector) * d, first_wall + len(walls)))
@@ -831,7 +834,7 @@ class Crystal(Result):
             what = f"gravity has the shape {field.shape}" + (f", and the loads {lead}" if lead else "")
             raise InputError(what, mend=f"Give its {counted(d, 'component')}, m/s^2, as (0, -9.81) in a plane")
         across = np.abs(field) > 1e-12 * np.max(np.abs(field), axis=-1, keepdims=True)
-        walls = {face.axis for face in self.faces if face.is_held}
+        walls = {one.axis for one in self._sides if one.edge != "free"}
         for axis in np.flatnonzero(np.any(across.reshape(-1, d), axis=0)).tolist():
             if axis < p or (axis not in walls and not any("clamped" in face.edges for face in self.faces)):
                 where = "repeats" if axis < p else "stands on nothing"
@@ -877,18 +880,15 @@ class Crystal(Result):
         stress = None if field is not None else -pressure * np.eye(p) * math.prod(face.thickness for face in self.faces)
         if stress is not None:
             force[frame.strains] += frame.work_of(stress)
-        wall = frame.strains.stop
-        for face in self.faces:
-            others = math.prod(one.thickness for one in self.faces if one is not face)
-            push: float = pressure * frame.measure * others
-            if face.is_pressed:
-                pressed[wall] -= push
-                wall += 1
-                continue
-            for side, word, at in zip((-1.0, 1.0), face.edges, face.balls, strict=True):
-                if word == "free":
-                    moves = place[at] >= 0
-                    pressed[d * place[at[moves]] + face.axis] -= side * push / max(int(np.count_nonzero(moves)), 1)
+        for one in self._sides:
+            push: float = (
+                pressure * frame.measure * math.prod(face.thickness for face in self.faces if face.axis != one.axis)
+            )
+            if one.wall >= 0:
+                pressed[frame.strains.stop + one.wall] -= push
+            elif one.edge == "free":
+                at = place[one.balls][place[one.balls] >= 0]
+                pressed[d * at + one.axis] -= one.sign * push / max(len(at), 1)
         unit = ("N", "N", "N/m", "Pa")[p + len(self.faces)]
         if field is not None:
             words += f" {unit} with gravity"
@@ -1013,12 +1013,12 @@ class Crystal(Result):
                 virial = (force[:, None] * rest.normal[:, :p]).T @ np.where(frame.flat[:, None], 0.0, frame.vector[:, :p])
                 virial = virial @ deformed.T
                 stress[at] = -0.5 * (virial + virial.T) / (frame.measure * float(np.linalg.det(deformed)))
-        axes = [face.axis for face in self.faces if face.is_pressed]
-        for wall, axis in enumerate(axes):
-            moved[:, rider == wall, axis] = ways[:, wall, None]
+        for one in self._sides:
+            if one.wall >= 0:
+                moved[:, rider == one.wall, one.axis] = ways[:, one.wall, None]
         # a motion of the whole crystal means nothing where no wall is in its way
         if not any("clamped" in face.edges for face in self.faces):
-            loose = [axis for axis in range(d) if axis not in {axis for axis, _, _ in self._floors}]
+            loose = np.setdiff1d(np.arange(d), [one.axis for one in self._floors])
             moved[..., loose] -= np.mean(moved[..., loose], axis=1, keepdims=True)
         overlap = np.array([rest.overlap for rest, _ in found])
         force = np.array([springs.force(one) for one in overlap])
@@ -1171,7 +1171,7 @@ class CrystalState(Result):
         that no solid has.
         """
         crystal, table = self.crystal, self.crystal.contacts
-        at = [one for _, _, one in crystal._floors]
+        at = [one.balls for one in crystal._floors]
         small = np.concatenate([np.minimum(table.arm_i, table.arm_j), *(crystal._mean_radii[one] for one in at)])
         out = [check_limit("contact_radius", np.max(self.contact_radius / small, axis=-1))]
         if np.any(np.isfinite(crystal._springs.most)):
@@ -1210,16 +1210,15 @@ class CrystalState(Result):
     def _clamped(self) -> NDArray[np.bool_]:
         """(n,) which balls are held."""
         held = np.zeros(self.crystal.n_balls, bool)
-        for face in self.crystal.faces:
-            for word, at in zip(face.edges, face.balls, strict=True):
-                held[at] |= word == "clamped"
+        for side in self.crystal._sides:
+            held[side.balls] |= side.edge == "clamped"
         return held
 
     @cached_property
     def _kept(self) -> NDArray[np.bool_]:
         """(n_c,) which contacts the network has: those that are closed, and not of two bodies that are held."""
         held, table = self._clamped, self.crystal.contacts
-        between = [held[table.i] & held[table.j], *(held[at] for _, _, at in self.crystal._floors)]
+        between = [held[table.i] & held[table.j], *(held[one.balls] for one in self.crystal._floors)]
         return np.asarray((self.normal_stiffness > 0.0) & ~np.concatenate(between))
 
     @property
@@ -1249,12 +1248,12 @@ class CrystalState(Result):
         inertias = np.append(np.array([one.inertia for one in crystal.kinds])[crystal.kind], np.full(extra, np.inf))
         radii = np.append(crystal.radii, np.full(extra, np.inf))
         i, j, arm_i, arm_j = [table.i], [table.j], [table.arm_i], [table.arm_j]
-        for number, (axis, side, at) in enumerate(floors):
+        for number, (axis, sign, _, at, _) in enumerate(floors):
             i.append(at)
             j.append(np.full(len(at), n + number))
             arm_i.append(crystal._mean_radii[at])
             arm_j.append(np.zeros(len(at)))
-            positions[n + number, axis] = np.mean(positions[at, axis] + side * crystal._mean_radii[at])
+            positions[n + number, axis] = np.mean(positions[at, axis] + sign * crystal._mean_radii[at])
         ends = np.concatenate(i), np.concatenate(j)
         shift, normal = np.zeros((crystal.n_contacts, 3), np.intp), np.zeros((crystal.n_contacts, 3))
         shift[: len(table), :p], normal[:, :d] = table.shift, self.normal
