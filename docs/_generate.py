@@ -113,6 +113,14 @@ SCENES = {
         "damping: 9 us, cut: {axis: 0, layers: 3, edges: floor free}}"
         for of, load in (("displacement", "5 N"), ("velocity", "[5 N, 9 N]"), ("transmissibility", "5 N"))
     },
+    **{
+        f"motion_{of}": f"packing: {{diameter: 8 mm, lattice: chain}}\nload: {{force: {load}}}\nobserve: [motion]\n"
+        "motion: {drive: {balls: 0, impact: 0.1 m/s}, cut: {axis: 0, layers: 8}, duration: 0.1 ms, frames: 41}"
+        for of, load in (("one", "5 N"), ("many", "[5 N, 9 N]"))
+    },
+    "motion_samples": "packing: {diameter: 8 mm, spread: {uniform: 2 um}}\nload: {force: [20 N, 40 N]}\n"
+    "medium: {simulation: {shape: 4 6, samples: 2}}\nobserve: [motion]\n"
+    "motion: {drive: {balls: lower, impact: 0.1 m/s, direction: 0 1}, cut: {axis: 1, layers: 1}, duration: 50 us}",
     "crystals": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}, lattice: fcc}}\nload: {{force: [20 N, 40 N]}}\n"
     f"medium: {{{_CUBE}}}",
     "cube": f"packing: {{diameter: 8 mm, spread: {{uniform: 2 um}}, lattice: fcc}}\nload: {{force: 20 N}}\n"

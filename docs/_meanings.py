@@ -110,6 +110,10 @@ FILES = {
     "pulse.json": ("`pulse`", "what was sent and heard, ball by ball, as `gp.Pulse.from_dict` reads"),
     "pulse.csv": ("`pulse`", "over time: the force that was sent, the coherent signal, the rms of the speckle"),
     "pulse.png": ("`pulse`", "seismogram, and the coherent part beside the speckle"),
+    "motion.csv": ("`motion`", "energies and the greatest force, a row for each state and time"),
+    "motion_contacts.csv": ("`motion` of one state", "the contacts: when a wave comes, and their greatest force"),
+    "motion.nc": ("`motion` of one state", "the balls at all times, their network, and forces of contacts"),
+    "motion.png": ("`motion`", "the motion and its energies; of several states the greatest force and the kinetic energy"),
     "response.csv": ("`response`", "magnitude and phase, a row for each state, frequency and place of the receiver"),
     "response.png": ("`response`", "magnitude and phase over frequency; of six loads and more a map of load and frequency"),
     "forces.png": ("a simulation at one load", "force chains in the first sample, and how forces are distributed in all"),
@@ -243,6 +247,7 @@ SWEPT = {
     "voigt_column": "xx, yy, xy; in space xx, yy, zz, yz, xz, xy",
     "polarisation": "polarisations of the spectra",
     "response_frequency": "frequencies of the response",
+    "motion_time": "times of the motion",
     "receiver": "places of the receiver",
 }
 ATTRIBUTES = {

@@ -300,7 +300,7 @@ class Softer(LawMedium):
         return self.spread_law
 
     @property
-    def _law(self):
+    def spread_law(self):
         return Quadratic(1e12)
 
 

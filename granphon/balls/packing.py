@@ -179,6 +179,11 @@ class Packing:
         return ()
 
     @property
+    def repeats(self) -> bool:
+        """Whether the balls repeat along a period: they do."""
+        return True
+
+    @property
     def is_held(self) -> bool:
         """Whether a floor or clamp holds balls: none does."""
         return False

@@ -193,7 +193,7 @@ TIME = Quantity("time", "s", "0.5 ms", "s, ms, us, minutes, hours")
 SINCE = replace(TIME, least="zero or above")
 VELOCITY = Quantity("velocity", "m/s", "0.3 m/s", "m/s, mm/s, um/s, km/h")
 PUSH = Quantity("force", "N", "2 N", "mN, N, kN", "any")
-WAY = Quantity("length", "m", "10 nm", "m, mm, um, nm", "any")
+WAY = Quantity("length", "m", "8 mm", "m, mm, um, nm", "any")
 _TENSILE = "tensile (one-sided contacts carry no tension)"
 #: the quantity of each kind of load on a layer; where balls differ an overlap may be negative, and the medium checks that
 LOADS: dict[str, Quantity] = {

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-from granphon.figures.scales import MOTION, add_bar, styled_figure
+from granphon.figures.scales import MOTION, add_bar, add_legend, draw_balls, styled_figure
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import EllipseCollection
 from matplotlib.colors import Normalize, TwoSlopeNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from granphon.base.errors import InputError, brief
 from granphon.base.scales import HertzPrefix, prefixed
-from granphon.figures.style import BLUE, COLOURS, FRAME, PAGE_WIDTH, pick_evenly, print_hertz
-from granphon.networks.network import ContactNetwork
+from granphon.figures.style import BLUE, COLOURS, PAGE_WIDTH, pick_evenly, print_hertz
+from granphon.figures.waves import choose_states
 from granphon.waves.motion import Motion
+
+if TYPE_CHECKING:
+    from granphon.runs.dataset import Dataset
 
 Array = NDArray[np.float64]
 Show = Literal["velocities", "forces"]
@@ -105,24 +107,6 @@ def plot_snapshot(motion: Motion, ax: Axes, frame: int = -1, *, most: float | No
     return ax
 
 
-def draw_balls(network: ContactNetwork, values: Array, ax: Axes, colours: object, norm: Normalize) -> EllipseCollection:
-    """Draw the balls of a network, seen along z, each in the colour of its value (n,); axes are in mm."""
-    shown = np.flatnonzero(np.isfinite(network.radii))
-    if network.dimension == 3:  # the nearest come last
-        shown = shown[np.argsort(network.positions[shown, 2], kind="stable")]
-    sizes, places = 2e3 * network.radii[shown], 1e3 * network.positions[shown, :2]
-    if network.pbc[0] and not np.any(network.cell[0, 1:]):  # an oblique cell is drawn as a rectangle
-        places[:, 0] = np.mod(places[:, 0], 1e3 * network.cell[0, 0])
-    balls = EllipseCollection(
-        sizes, sizes, 0.0 * sizes, units="xy", offsets=places, offset_transform=ax.transData, array=values[shown],
-        cmap=colours, norm=norm, gid="balls", edgecolors=FRAME, linewidths=0.15,
-    )  # fmt: skip
-    ax.add_collection(balls, autolim=False)
-    low, high = places.min(axis=0) - 0.6 * sizes.max(), places.max(axis=0) + 0.6 * sizes.max()
-    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel="x (mm)", ylabel="y (mm)")
-    return balls
-
-
 def plot_ball_spectrum(motion: Motion, ax: Axes, ball: int, *, axis: int = 0) -> Axes:
     """Draw the amplitudes of the motion of a ball along an axis over frequency, on a logarithmic scale."""
     frequencies, amplitudes = motion.spectrum(ball, axis)
@@ -181,6 +165,31 @@ def motion_figure(motion: Motion, *, show: Show | None = None, axis: int | None 
             ax.set(title=f"{motion.times[frame] / seconds:.3g} {_write(time)}", ylabel="y (mm)" if ax is shots[0] else "")
         figure.colorbar(drawn, ax=shots, location="bottom", aspect=50, extend="max", label=f"Speed ({_write(unit)})")
         plot_energies(motion, last)
+    return figure
+
+
+def motions_figure(dataset: Dataset) -> Figure:
+    """Draw the greatest force of the motion of each state of a data set over time, and what is lost, one column wide.
+
+    Of more than six states so many are drawn, evenly taken. Raises :class:`~granphon.base.errors.InputError` for a data set
+    without motions.
+    """
+    states, handles = choose_states(dataset, "motion_force", "motions")
+    seconds, time = prefixed(float(dataset["motion_time"].values[-1]), "s")
+    with styled_figure(3.6) as figure:
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.3, 1.0])
+        for ax, names, label, unit in (
+            (above, ("motion_force",), "Greatest force", "N"),
+            (below, ("motion_translation", "motion_rotation"), "Kinetic energy", "J"),
+        ):
+            lines = [(colour, sum(take(name) for name in names)) for colour, take in states]
+            scale, name = prefixed(max(float(np.max(values)) for _, values in lines), unit)
+            for colour, values in lines:
+                ax.plot(dataset["motion_time"].values / seconds, values / scale, color=colour, linewidth=1.0)
+            ax.set(ylabel=f"{label} ({_write(name)})", ylim=(0.0, None))
+        below.set(xlabel=f"Time ({_write(time)})", xlim=(0.0, None))
+        if len(handles) > 1:
+            add_legend(figure, handles, room=1)
     return figure
 
 

@@ -41,8 +41,10 @@ _PICTURES: dict[str, tuple[str, str, str, float]] = {
 }
 #: the same for what is found of the network of each state of a data set, by the block of the scene; and a variable by which
 #: it is known
-_OF_STATES = {"response": ("responses", "responses_figure", "dataset", 0.0)}
-_MARKS = {"response": "response_phase"}
+_OF_STATES = {
+    "response": ("responses", "responses_figure", "dataset", 0.0), "motion": ("motions", "motions_figure", "dataset", 0.0),
+}  # fmt: skip
+_MARKS = {"response": "response_phase", "motion": "motion_force"}
 #: number of balls up to which so many cells of a network are drawn along each of one, two and three periods
 _FEW_BALLS, _CELLS = 8, (8, 4, 2)
 #: what these are called in messages
@@ -91,6 +93,8 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
             known, given = _PICTURES["granphon.Bands"], spectra
         elif dataset is not result and getattr(result, "surface", None) is not None:
             known, given = _PICTURES["granphon.SurfaceSpectrum"], {"spectrum": result.surface}
+        elif dataset is not result and getattr(getattr(result, "waves", None), "motion", None) is not None:
+            known, given = _PICTURES["granphon.Motion"], {"motion": result.waves.motion}
         elif dataset["valid"].size == 1:  # of one state there is nothing to draw over the load
             known = next((one for name, one in _OF_STATES.items() if _MARKS[name] in dataset), known)
     if known is None:

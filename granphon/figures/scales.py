@@ -26,6 +26,7 @@ from granphon.base.scales import HertzPrefix, prefixed
 from granphon.figures.style import (
     COLUMN_WIDTH,
     DPI,
+    FRAME,
     LONGITUDINAL_COLOUR,
     STYLE,
     TRANSVERSE_COLOUR,
@@ -36,6 +37,8 @@ from granphon.figures.style import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
+
+    from granphon.networks.network import ContactNetwork
 
 
 @contextmanager
@@ -68,6 +71,7 @@ def _open_door() -> Iterator[None]:
 with _open_door():
     import matplotlib
     from matplotlib.cm import ScalarMappable
+    from matplotlib.collections import EllipseCollection
     from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
     from matplotlib.figure import Figure
     from matplotlib.font_manager import FontProperties, findfont, get_font
@@ -208,6 +212,24 @@ def draw_densities(ax: Axes, curves: Iterable[tuple[Any, str, Array, Array, Arra
     name = print_hertz(unit)
     ax.set(xlabel=f"Frequency ({name})", ylabel=f"DOS per ball (1/{name})")
     ax.set(xlim=(0.0, 1.03 * top / unit.hertz), ylim=(0.0, None))
+
+
+def draw_balls(network: ContactNetwork, values: Array, ax: Axes, colours: object, norm: Normalize) -> EllipseCollection:
+    """Draw the balls of a network, seen along z, each in the colour of its value (n,); axes are in mm."""
+    shown = np.flatnonzero(np.isfinite(network.radii))
+    if network.dimension == 3:  # the nearest come last
+        shown = shown[np.argsort(network.positions[shown, 2], kind="stable")]
+    sizes, places = 2e3 * network.radii[shown], 1e3 * network.positions[shown, :2]
+    if network.pbc[0] and not np.any(network.cell[0, 1:]):  # an oblique cell is drawn as a rectangle
+        places[:, 0] = np.mod(places[:, 0], 1e3 * network.cell[0, 0])
+    balls = EllipseCollection(
+        sizes, sizes, 0.0 * sizes, units="xy", offsets=places, offset_transform=ax.transData, array=values[shown],
+        cmap=colours, norm=norm, gid="balls", edgecolors=FRAME, linewidths=0.15,
+    )  # fmt: skip
+    ax.add_collection(balls, autolim=False)
+    low, high = places.min(axis=0) - 0.6 * sizes.max(), places.max(axis=0) + 0.6 * sizes.max()
+    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel="x (mm)", ylabel="y (mm)")
+    return balls
 
 
 def add_legend(figure: Figure, handles: Sequence[Line2D], room: int = 0, title: str | None = None, **options: Any) -> None:

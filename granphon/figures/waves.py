@@ -6,7 +6,16 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from granphon.figures.scales import MOTION, SPECTRUM, add_bar, add_legend, draw_densities, scale_axis, styled_figure
+from granphon.figures.scales import (
+    MOTION,
+    SPECTRUM,
+    add_bar,
+    add_legend,
+    draw_balls,
+    draw_densities,
+    scale_axis,
+    styled_figure,
+)
 
 import matplotlib
 import numpy as np
@@ -21,7 +30,6 @@ from granphon.base.errors import InputError
 from granphon.base.scales import HertzPrefix
 from granphon.figures.bands import name_corners
 from granphon.figures.curves import describe_lines, find_load
-from granphon.figures.motions import draw_balls
 from granphon.figures.style import (
     BLUE,
     COLOURS,

@@ -37,7 +37,10 @@ _QUICK_BALLS = 500
 
 @dataclass(frozen=True)
 class CrystalCell(Lattice):
-    """The cell of a crystal, in units of the mean diameter; ``sites`` are fractions, or distances across the periods."""
+    """The cell of a crystal, in units of the mean diameter; ``sites`` are fractions, or distances across the periods.
+
+    What repeats nowhere is put into a cell along x, beyond the reach of its neighbours.
+    """
 
     def __post_init__(self) -> None:
         """Take the cell as it is: a crystal is checked when it is made."""
@@ -45,12 +48,16 @@ class CrystalCell(Lattice):
     @classmethod
     def of(cls, crystal: Crystal, diameter: float) -> CrystalCell:
         """Return the cell of a crystal, whose contacts are in m."""
-        p, places = crystal.periods, crystal.positions.copy()
-        places[:, :p] = places[:, :p] @ np.linalg.inv(crystal.cell[:, :p])
+        places, vectors = crystal.positions.copy(), crystal.cell
+        if not crystal.periods:
+            vectors = np.eye(places.shape[1])[:1] * (float(np.ptp(places[:, 0])) + 4.0 * float(np.max(crystal.radii)))
+        p = len(vectors)
+        places[:, :p] = places[:, :p] @ np.linalg.inv(vectors[:, :p])
         places[:, p:] /= diameter
-        cell = cls(crystal.name, *(tuple(map(tuple, one.tolist())) for one in (crystal.cell / diameter, places)))
+        cell = cls(crystal.name, *(tuple(map(tuple, one.tolist())) for one in (vectors / diameter, places)))
         reach = float(np.linalg.norm(crystal.contacts.vector, axis=1).max(initial=0.0)) / diameter
-        cell.__dict__.update(contacts=crystal.contacts, _pressed=p + len(crystal.faces), _reach=reach)
+        pressed = max(1, crystal.periods + len(crystal.faces))
+        cell.__dict__.update(contacts=crystal.contacts, _pressed=pressed, _reach=reach)
         return cell
 
     @property
@@ -117,10 +124,13 @@ class Arrangement:
         )  # fmt: skip
 
     def __post_init__(self) -> None:
-        """Raise an error unless the crystal has a period."""
-        if not self.crystal.periods:
-            what, why = "the crystal repeats nowhere", "Scenes compute what waves do along periods"
-            raise InputError(what, why, "Take gp.Crystal and gp.Waves, or leave a period")
+        """Make the crystal, which raises errors of what makes none."""
+        _ = self.crystal
+
+    @property
+    def repeats(self) -> bool:
+        """Whether the crystal has a period."""
+        return self.crystal.periods > 0
 
     @cached_property
     def crystal(self) -> Crystal:

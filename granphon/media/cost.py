@@ -56,6 +56,8 @@ _FACTOR_FORCE = 0.015
 #: bytes for each ball that this takes more, without rotations and with them
 _FACTOR_BYTES = 2100.0
 _ROTATING_FACTOR_BYTES = 4900.0
+#: steps of a motion in the shortest period; time of a step, s, and of each contact in it; copies of what is kept
+_MOTION_STEPS, _MOTION_STEP_TIME, _MOTION_CONTACT_TIME, _MOTION_COPIES = 60.0, 1.2e-4, 2.5e-7, 3.0
 #: bytes for each ball of a further sample that is kept
 _SAMPLE_BYTES = 8.0
 #: bytes for each ball of the place where the operator of a further sample works, with one, two and three periods, and the
@@ -390,6 +392,19 @@ def array_waves(
     what = f"waves in {balls:,} balls"
     memory = _CONTACT_BYTES * balls * contacts + _HEARD_BYTES * heard
     return Cost(working=memory, known=7e-9 * products * balls * rows + _READING_TIME * readings, parts=(what,))
+
+
+def motion(duration: float, top: float, violence: float, balls: int, contacts: int, frames: int) -> Cost:
+    """Estimate the cost of a motion of so many ``balls`` and ``contacts``, kept at so many times.
+
+    ``top`` is the highest angular frequency at rest, rad/s, of which a period has 60 steps. An impact stiffens contacts:
+    ``violence`` is the energy of the fastest ball, m v^2, over that of a contact at rest, f^2/k. Seconds and bytes were
+    measured in chains and on the triangular lattice with friction, with 500 to 9,000 balls.
+    """
+    steps = duration * top * (1.0 + violence) ** 0.1 * _MOTION_STEPS / (2.0 * math.pi)
+    memory = 8.0 * frames * (15.0 * balls + 2.0 * contacts) * _MOTION_COPIES
+    known = steps * (_MOTION_STEP_TIME + _MOTION_CONTACT_TIME * contacts)
+    return Cost(memory, known=known, parts=(f"motion of {balls:,} balls in {steps:,.0f} steps",))
 
 
 def cluster_media(count: int, balls: float) -> Cost:

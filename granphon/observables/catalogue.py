@@ -195,6 +195,12 @@ def _make_line_entry(name: str, unit: str, title: str, **more: Any) -> Observabl
 
 _OVER_SAMPLES = "standard error over samples of the"
 _LAYER = "of the layer taken one diameter thick"
+#: energies of a motion, and what they are
+_ENERGIES = (
+    ("translation", "kinetic energy of translations"), ("rotation", "kinetic energy of rotations"),
+    ("stored", "energy that contacts and the load have gained"), ("lost", "energy lost by friction and dashpots"),
+    ("supplied", "energy that impacts and drives have supplied"),
+)  # fmt: skip
 #: responses in frequency, with their units, and what they are
 _RESPONSES = (
     ("receptance", "m/N", "displacement over the force"), ("mobility", "m/(N s)", "velocity over the force"),
@@ -368,6 +374,31 @@ _OBSERVABLES = (
         "peak_quality", "1", "Q factor of that peak, of its width at half the square; nan if it is not resolved",
         label="Q of the peak", cost="network", told=True,
     ),
+    Observable(
+        "front_velocity", "m/s", "velocity of the front of a motion, where forces have changed by half of what they ever do",
+        cost="network", told=True,
+    ),
+    Observable(
+        "peak_velocity", "m/s", "velocity of the greatest force of a motion between contacts", cost="network", told=True
+    ),
+    Observable("greatest_force", "N", "greatest normal force of a contact in a motion", cost="network", told=True),
+    *(
+        Observable(f"{name}_error", unit, f"{_OVER_SAMPLES} {words} of a motion", cost="network", sampled=True)
+        for name, unit, words in (
+            ("front_velocity", "m/s", "front velocity"), ("peak_velocity", "m/s", "peak velocity"),
+            ("greatest_force", "N", "greatest force"),
+        )
+    ),
+    *(
+        Observable(f"energy_{name}", "J", f"{title} at the end of a motion", cost="network", told=name == "lost",
+                   label="Energy lost" if name == "lost" else "")
+        for name, title in _ENERGIES
+    ),
+    *(
+        Observable(f"motion_{name}", "J", f"{title} over time", cost="network", dims=("motion_time",))
+        for name, title in _ENERGIES
+    ),
+    Observable("motion_force", "N", "greatest normal force of a contact over time", cost="network", dims=("motion_time",)),
     Observable("choice", "", "medium that the automatic medium chose"),
     Observable("expected_error", "1", "expected relative error of velocities and frequencies"),
     Observable("truth", "", "simulated arrays that the expected error is relative to", swept=False),

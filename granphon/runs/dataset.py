@@ -6,7 +6,6 @@ The files are netCDF for programs, which is read back, and a table for spreadshe
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import os
 import subprocess
@@ -34,6 +33,7 @@ from granphon.media.left_out import EXACT, LATTICE
 from granphon.observables.catalogue import CATALOGUE, Analysis, entry_of
 from granphon.runs.accessor import register_accessor
 from granphon.runs.execution import solve_all
+from granphon.runs.netcdf import MOST_BYTES, netcdf_bytes, open_bytes
 from granphon.runs.store import Store, TaskResult
 from granphon.runs.tasks import (
     INCOMPLETE,
@@ -64,14 +64,13 @@ FORMAT = "granphon sweep"
 #: dimensions of tables of waves besides those of states, by the name of the file
 _ROWS = {
     "sweep_dos": ("node",), "sweep_spectra": ("polarisation", "wavevector"), "response": ("response_frequency", "receiver"),
+    "motion": ("motion_time",),
     "damped_bands": ("segment", "point", "branch"),
 }  # fmt: skip
 #: name of the attribute with the sha256 digest of the numbers
 DIGEST = "granphon_sha256"
 #: attributes in which other programs log what they did; the digest leaves them out, as they change no number
 _HISTORY = ("history", "NCO")
-#: size of the largest file that is read, and of the largest data set in one, bytes: a sweep may hold many bands
-MAX_SWEEP = 2_000_000_000
 #: longest time that opening a file without a digest may take, s
 TRIAL_SECONDS = 120.0
 #: program of the process that tries to open a file without a digest, see _try_elsewhere
@@ -413,19 +412,6 @@ def write_sweep(dataset: Dataset, path: Path) -> None:
     _write_rows(dataset, path.with_suffix(".csv"), dims, [*along, *columns])
 
 
-def netcdf_bytes(dataset: Dataset) -> bytes:
-    """Return the bytes of a netCDF file of the data set, made in memory because HDF5 does not survive a full disk."""
-    with needing("A netCDF file"):
-        from h5netcdf import File  # type: ignore[import-untyped]
-        from xarray.backends import H5NetCDFStore
-
-    stream = io.BytesIO()
-    with File(stream, "w") as file:
-        # without this, xarray declares nan to be the mark of missing values
-        dataset.dump_to_store(H5NetCDFStore(file), encoding={name: {"_FillValue": None} for name in dataset.variables})
-    return stream.getvalue()
-
-
 def _digest_numbers(dataset: Dataset) -> str:
     """Digest of names, dimensions, types, numbers and attributes; it does not depend on how they are stored."""
     variables = dict[str, list[Any]]()
@@ -479,7 +465,7 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
     -----
     UnverifiedFileWarning : the file carries no digest.
     """
-    raw = read_bytes(path, MAX_SWEEP)
+    raw = read_bytes(path, MOST_BYTES)
     body, trailer = raw[:-_TRAILER_BYTES], raw[-_TRAILER_BYTES:]
     sound = trailer.startswith(_TRAILER)
     if sound and trailer != _TRAILER + hashlib.sha256(body).hexdigest().encode():
@@ -490,6 +476,7 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
     try:
         # open the bytes that were checked: the file itself may have changed since
         dataset = open_bytes(body)
+        register_accessor()
     except Exception as error:  # whatever makes HDF5, h5netcdf or xarray fail is in the file
         raise _explain_unreadable(path, str(error)) from None
     if dataset.attrs.get("format") != FORMAT:
@@ -545,35 +532,6 @@ def _require_sense(path: str | os.PathLike[str], dataset: Dataset) -> None:
         if wrong is not None:
             what = f"{path} is damaged: it holds values of {name}, {wrong}"
             raise InputError(what, mend="Run the sweep again")
-
-
-def open_bytes(data: bytes) -> Dataset:
-    """Read the data set of a netCDF file that is given as bytes into memory.
-
-    Raises ValueError if the file refers to other files or would fill the memory, and whatever HDF5, h5netcdf and xarray
-    raise.
-    """
-    with needing("A netCDF file"):
-        import h5py
-        from xarray import open_dataset
-
-        register_accessor()
-
-    def check(_: str, item: Any) -> None:
-        group = isinstance(item, h5py.Group)
-        if group and any(isinstance(item.get(key, getlink=True), h5py.ExternalLink) for key in item):
-            raise ValueError("it refers to another file")
-        if isinstance(item, h5py.Dataset) and (item.external or item.is_virtual):
-            raise ValueError("it refers to another file")
-
-    stream = io.BytesIO(data)
-    with h5py.File(stream, "r") as file:
-        check("/", file)
-        file.visititems(check)
-    with open_dataset(stream, engine="h5netcdf") as dataset:
-        if dataset.nbytes > MAX_SWEEP:
-            raise ValueError(f"it unpacks to more than {MAX_SWEEP // 1_000_000} MB")
-        return dataset.load()
 
 
 def _explain_unreadable(path: str | os.PathLike[str], why: str) -> InputError:

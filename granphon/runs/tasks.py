@@ -213,9 +213,12 @@ class Case:
         """Return the variables of the only state; ``records`` are those of its samples, if it has any."""
         (task,) = self.media
         out = task.observe(analysis)
-        if not records:
-            return task.add_networks(out, analysis.state)
         return out if task.asked.waves is None else _add_waves(out, task, task.load, records)
+
+    def record_alone(self, state: ContactState) -> list[SampleRecord]:
+        """Return what is asked of the network of the only state, without samples, with whole results."""
+        (task,) = self.media
+        return task.record_networks(state, whole=True)
 
     def restore(self, parts: Sequence[TaskResult]) -> SimulatedState:
         """Return the only state, that of a simulation, with the samples whose balls the :attr:`tasks` kept."""
@@ -375,7 +378,8 @@ class MediumTask:
             out = self.observe(analysis)
         except GranphonError as error:
             raise self._locate(error) from error
-        return out if self.serving.arrays else self.add_networks(out, analysis.state)
+        records = [] if self.serving.arrays else self.record_networks(analysis.state)
+        return _add_waves(out, self, self.load, records) if records else out
 
     def observe(self, analysis: Analysis) -> TaskResult:
         """Return the variables of a state, with an axis of loads, and its "warnings"."""
@@ -387,7 +391,8 @@ class MediumTask:
         find = partial(find_all, analysis, swept=True, observed=asked.observed)
         out = find(("state",))
         try:
-            if asked.sound or not state.is_held:  # a floor or clamp holds the balls, which long waves move
+            # a floor or clamp holds the balls, which long waves move
+            if asked.sound or (self.serving.packing.repeats and not state.is_held):
                 out |= find(("velocities",))
                 notes += warn_of_free_branches(state, analysis.velocities.velocities)
         except MechanismError as error:
@@ -428,22 +433,25 @@ class MediumTask:
                 found["damped_quality"] = np.array([one.quality for one in damped]).reshape(shape)
         return found | {"warnings": _write_notes(notes)}
 
-    def add_networks(self, out: TaskResult, state: ContactState) -> TaskResult:
-        """Return ``out`` with what is asked of the network at each load, without samples; errors name the load."""
+    def record_networks(self, state: ContactState, whole: bool = False) -> list[SampleRecord]:
+        """Return what is asked of the network at each load, without samples; nothing if nothing is. Errors name the load.
+
+        With ``whole`` the results themselves are kept too.
+        """
+        records, periods = list[SampleRecord](), self.serving.packing.structure.periods
         if self.asked.waves is None:
-            return out
+            return records
         from granphon.runs.wave_records import record_networks  # imported here: other runs do not need it
 
-        records, periods = list[SampleRecord](), self.serving.packing.structure.periods
         for index in range(self.load.size):
             try:
-                network = (state if state.is_single else state[index]).network
-                records.append(SampleRecord(of_waves=record_networks(network, self.asked.waves)))
+                one = state if state.is_single else getattr(state, "source", state)[index]  # a crystal knows its law
+                records.append(SampleRecord(of_waves=record_networks(one, self.asked.waves, whole)))
             except GranphonError as error:
                 if self.asked.alone:
                     raise
                 raise _name_task(f"{self.where}, {self.load[index].describe(periods)}", error) from None
-        return _add_waves(out, self, self.load, records)
+        return records
 
     def _locate(self, error: GranphonError) -> GranphonError:
         """Return an error whose message begins with the task and the load.

@@ -24,15 +24,18 @@ from granphon.array.sample import Sample, standard_error
 from granphon.balls.loads import Load
 from granphon.base.errors import GranphonError, InputError
 from granphon.base.results import Result
+from granphon.base.text import read_bytes
 from granphon.media.choice import ServingMedium
 from granphon.media.cost import find_typical_force
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.state import ContactState, ideal_lattice
-from granphon.networks.network import ContactNetwork
 from granphon.phonons.surfaces import SurfaceSpectrum
+from granphon.runs.motion_records import read_motion
+from granphon.runs.netcdf import MOST_BYTES
 from granphon.runs.network_records import RECORDS, Record
 from granphon.waves.chebyshev import Kernel
 from granphon.waves.dos import SpectralDensity
+from granphon.waves.motion import Motion
 from granphon.waves.operator import WaveOperator
 from granphon.waves.path_spectra import PathSpectra, find_path_points
 from granphon.waves.pulses import MARGIN, Pulse, PulseSource, average_pulses, require_sendable, transmit
@@ -126,15 +129,23 @@ def record_waves(sample: Sample, wanted: WaveSettings, whole: bool = False) -> d
         out |= {"pulse_note": np.array(note), "pulse_echo": np.array(said)}
     if whole:
         out |= {_WHOLE + name: np.array(json.dumps(one.to_dict()).encode()) for name, one in results.items()}
-    return out | record_networks(sample.network, wanted)
+    return out | record_networks(sample, wanted, whole)
 
 
-def record_networks(network: ContactNetwork, wanted: WaveSettings) -> dict[str, Array]:
-    """Find what is wanted of the network of a state or sample, and return what is averaged, in SI units by name."""
+def record_networks(x: Any, wanted: WaveSettings, whole: bool = False) -> dict[str, Array]:
+    """Find what is wanted of the network of a state or sample, and return what is averaged, in SI units by name.
+
+    With ``whole`` results that have a file of their own are kept too, as its bytes. An error knows its block.
+    """
     out = dict[str, Array]()
     for one in wanted.of_networks:
         record, _ = RECORDS[one.block]
-        out |= record(network, one)
+        try:
+            found, files = record(x, one)
+        except GranphonError as error:
+            error.block = one.block
+            raise
+        out |= found | {_WHOLE + name: np.frombuffer(write(), np.uint8) for name, write in files.items() if whole}
     return out
 
 
@@ -147,11 +158,13 @@ class SampleWaves:
     dos : density of states of the first sample.
     spectra : spectral functions of the first sample along the path.
     pulse : mean of the pulses through all samples that carry one.
+    motion : that of the first sample, or of the state if it has none.
     """
 
     dos: SpectralDensity | None = None
     spectra: PathSpectra | None = None
     pulse: Pulse | None = None
+    motion: Motion | None = None
 
     @classmethod
     def of(cls, wanted: WaveSettings | None, state: ContactState, records: Sequence[Record]) -> Self:
@@ -169,17 +182,20 @@ class SampleWaves:
                 spectra, ends, way, state.contact_lattice(), state.scales, list(map(np.array, wanted.path)), wanted.labels
             )
         sent = [one for record in records if (one := read(record, "pulse", Pulse)) is not None]
-        return cls(read(first, "dos", SpectralDensity), path, average_pulses(sent) if sent else None)
+        moved = read_motion("the motion", first[f"{_WHOLE}motion"].tobytes()) if f"{_WHOLE}motion" in first else None
+        return cls(read(first, "dos", SpectralDensity), path, average_pulses(sent) if sent else None, moved)
 
     @property
     def results(self) -> dict[str, Any]:
         """Results that exist, by the names of their files; each has :attr:`units`."""
-        found = {"sample_dos": self.dos, "spectrum": self.spectra, "pulse": self.pulse}
+        found = {"sample_dos": self.dos, "spectrum": self.spectra, "pulse": self.pulse, "motion": self.motion}
         return {name: one for name, one in found.items() if one is not None}
 
 
 def read_waves(path: Path) -> Any:
-    """Read the result in a file ``sample_dos.json``, ``spectrum.json``, ``pulse.json`` or ``surface.json``."""
+    """Read the result in a file ``sample_dos.json``, ``spectrum.json``, ``pulse.json``, ``surface.json``, ``motion.nc``."""
+    if path.suffix == ".nc":
+        return read_motion(str(path), read_bytes(path, MOST_BYTES))
     kinds: dict[str, type[Result]] = {
         "sample_dos": SpectralDensity, "spectrum": PathSpectra, "pulse": Pulse, "surface": SurfaceSpectrum,
     }  # fmt: skip

@@ -32,6 +32,7 @@ from granphon.media.arrangement import Arrangement
 from granphon.phonons.paths import BandPath, read_labels
 from granphon.scene import rules
 from granphon.scene.rules import PARTS, SCENE_SCHEMA, Context, Kind, choose_lattice, split_tensor, table_named
+from granphon.waves.drives import named_tables
 from granphon.waves.settings import (
     NETWORK_BLOCKS,
     POLARISATIONS,
@@ -226,6 +227,16 @@ FIELDS: tuple[Field, ...] = (
     _wave("response.polarisation", "the way in which a plane is driven and heard", "`longitudinal`"),
     _wave("response.distance", "of the receiving plane from the first one", "the last plane"),
     *_network("response"),
+    _wave("motion.duration", "how long the balls move", NEEDED),
+    _wave(
+        "motion.drive", "what drives them, or a list: balls, a direction, and an impact, shaker, force or displacement, see"
+        " [motion](#motion)", NEEDED, rules.DRIVE,
+    ),
+    _wave("motion.friction_coefficient", "Coulomb's limit of slip", "contacts do not slide"),
+    _wave("motion.damping", "viscosity of a contact over its stiffness; of normal and of other motion in a list", "`0 s`"),
+    _wave("motion.frames", "number of times that are kept, the start and the end among them", "`201`"),
+    _wave("motion.step", "step of time, of which a frame has a whole number", "as the stiffest contact allows"),
+    *_network("motion"),
     _wave("bands.damping", "viscosity of a contact over its stiffness, of damped bands; as of `response`", "`0 s`"),
     _wave("bands.loss_factor", "loss factor of a contact; as of `response`", "`0`"),
     Field(
@@ -490,7 +501,8 @@ class SceneSource:
         data = self.document.data
         spreads = [data.get("packing", {}).get("spread"), *data.get("sweep", {}).get("spread", [])]
         own = () if self.path is None else (self.path,)
-        return (*own, *(self.folder / name for spread in spreads if (name := table_named(spread)) is not None))
+        names = [name for spread in spreads if (name := table_named(spread)) is not None]
+        return (*own, *(self.folder / name for name in (*names, *named_tables(data.get("motion", {}).get("drive", [])))))
 
     # -- places in the file ---------------------------------------------------------------------------------------------
 

@@ -44,6 +44,7 @@ from granphon.waves.settings import (
     READINGS,
     WAVES,
     BandsSettings,
+    MotionSettings,
     PulseSettings,
     ResponseSettings,
     SpectrumSettings,
@@ -114,7 +115,8 @@ class PlannedCase:
             with self.at_load(index, f"{self.case.label}: "):
                 serving.medium.of(self.case.packing).require(self.case.load[index])
                 if serving.is_quick:
-                    (self._find_state(index) if index else self.state).contact_lattice()
+                    state = self._find_state(index) if index else self.state
+                    _ = state.contact_lattice() if self.case.packing.repeats else state
         return True
 
     def require_start(self, most: float) -> float:
@@ -168,6 +170,7 @@ class Plan:
     spectrum: SpectrumSettings = _SPECTRUM
     pulse: PulseSettings | None = None
     response: ResponseSettings | None = None
+    motion: MotionSettings | None = None
     bands: BandsSettings | None = None
     source: Path | None = field(default=None, compare=False)
     #: document and file that the scene was read from; a copy made by ``replace`` has none, as its values may differ
@@ -310,6 +313,9 @@ class Plan:
         except GranphonError as error:
             if error.option is not None:
                 with self.origin.at("medium"):
+                    raise
+            if error.block is not None:
+                with self.origin.at(error.block):
                     raise
             if error.load_index is None:
                 raise
@@ -580,6 +586,11 @@ class Plan:
             total = add_up(each, lambda cost: cost.known)
         smaller = "Take fewer balls (medium.simulation.shape), fewer wave vectors or a coarser resolution (spectrum)"
         waves = (("medium",), smaller, replace(total, parts=total.parts[:1]))
+        if self.motion is not None and "motion" in self.observe:
+            moved = [_estimate_motion(one, self.motion) for case in self.few for one in case.serving_media]
+            total = add_up([cost for cost in moved if cost is not None], lambda cost: cost.known)
+            mend = "Take fewer balls (motion.repeat, motion.cut), a shorter motion.duration or fewer motion.frames"
+            out.append((("motion",), mend, replace(total, parts=total.parts[:1])))
 
         branches = structure.n_balls * self.packing.ball_motions.count
         points = self.band_points * sum(len(path) - 1 for path in self.path.paths) if "bands" in seen else 0
@@ -625,6 +636,9 @@ class Plan:
         for name, fails, found, allowed, mend in (
             ("velocities", self.packing.is_held, "of balls that are held", "bands, gaps, dos of these",
              "Long waves move all balls together, which a floor or clamp holds: write observe: [bands]."),
+            *((name, not self.packing.repeats, "of what repeats nowhere", f"{', '.join(NETWORK_BLOCKS)} of these",
+               f"Waves of this kind need a period: write observe: [{next(iter(NETWORK_BLOCKS))}].")
+              for name in ("velocities", "bands", "gaps", "dos", "surface")),
             ("gaps", not self.is_single, "of several states", "gaps of one state", "Observe bands."),
             ("surface", self.surface is None, "without an axis", "surface with a block 'surface'",
              "Add a block such as surface: {axis: 1}."),
@@ -683,3 +697,21 @@ def _estimate_waves(medium: DirectSimulation, load: Load, wanted: WaveSettings) 
             heard = steps * medium.balls / min(medium.cells)
             readings = READINGS * pulse.frequency * lasting * heard * medium.samples
         yield costs.array_waves(products, medium.balls, contacts, rows, heard, readings)
+
+
+def _estimate_motion(serving: ServingMedium, wanted: MotionSettings) -> Cost | None:
+    """Estimate memory and time of the motions of a medium at all its loads; None if no state of it is quickly found."""
+    from granphon.runs.network_records import find_typical_state  # imported here: other scenes do not need it
+    from granphon.waves.operator import WaveOperator
+
+    if (state := find_typical_state(serving)) is None:
+        return None
+    network, arrays = state.network, serving.arrays
+    cells = math.prod(wanted.repeat) * math.prod(layers for _, layers, _ in wanted.cut)
+    cells *= math.prod(arrays[0].cells) if arrays else 1
+    speed = max((one.impact or 0.0 for one in wanted.drive), default=0.0)
+    return costs.motion(
+        wanted.duration, WaveOperator(network).top, float(np.max(network.masses[network.moving]) * speed**2 /
+        max(float(np.mean(network.normal_force**2 / network.normal_stiffness)), 1e-300)),
+        cells * network.n_balls, cells * network.n_contacts, wanted.frames,
+    ).times(serving.load.size * (arrays[0].samples if arrays else 1))  # fmt: skip

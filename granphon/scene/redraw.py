@@ -13,6 +13,7 @@ from granphon.base.staging import ResultFiles, read_written_files
 from granphon.base.text import read_bytes, read_yaml
 from granphon.scene.run import (
     KEPT,
+    MOTION_FILES,
     SWEEP_FIGURES,
     draw_spectra,
     draw_sweep,
@@ -65,13 +66,14 @@ def redraw(
     """
     source = Path(folder)
     have = _find_results(source)
-    waves = [stem for stem in KEPT if (source / f"{stem}.json").exists()]
+    kept_in = {stem: source / f"{stem}.json" for stem in KEPT} | {"motion": source / MOTION_FILES[0]}
+    waves = [stem for stem, path in kept_in.items() if path.exists()]
     stem = None if out is None else Path(out).stem
     there = {*waves, *(one for one in _OF_SWEEPS if (source / f"{one}.csv").exists())}
-    if stem in {*KEPT, *_OF_SWEEPS} - there:
+    if stem in {*kept_in, *_OF_SWEEPS} - there:
         raise InputError(f"{source} holds no {stem} to draw", mend="Give the figure another name")
     # the one that the file's name says; without bands and the like, the first
-    alone = waves == ["surface"] and set(have) == {"sweep.nc"} and out is None and variable is None
+    alone = waves in (["surface"], ["motion"]) and set(have) == {"sweep.nc"} and out is None and variable is None
     wave = next((name for name in waves if name == stem), next(iter(waves), None) if alone or not have else None)
     if not (have or waves):
         what = f"{source} holds neither sweep.nc nor band.yaml nor dos.csv nor fit.yaml, and no waves of a simulation"
@@ -97,7 +99,7 @@ def redraw(
             from granphon.figures.plot import plot
             from granphon.runs.wave_records import read_waves
 
-            return plot(read_waves(source / f"{wave}.json"))
+            return plot(read_waves(kept_in[wave]))
         if fitted and not swept:
             from granphon.figures.plot import plot
             from granphon.fits.transfer import read_fit

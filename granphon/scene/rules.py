@@ -35,6 +35,7 @@ from granphon.base.quantities import (
     LENGTH,
     MASS,
     MODULUS,
+    WAY,
     WIDTH,
     Quantity,
     fraction,
@@ -61,6 +62,7 @@ from granphon.base.validation import (
 )
 from granphon.media.choice import MEDIA, MediumChoice, read_medium
 from granphon.observables.catalogue import CATALOGUE
+from granphon.waves.drives import read_drives, write_drives
 from granphon.waves.settings import NETWORK_BLOCKS, ascending
 
 #: version number of the layout of a scene file, its key "schema"
@@ -171,6 +173,7 @@ def write_values(given: Sequence[float], write: Callable[[float], Any]) -> Any:
     return [write(value) for value in given]
 
 
+DRIVE = Kind(lambda value, at: read_drives(value, folder=at.folder), lambda drives, _: write_drives(drives))
 FREQUENCIES = Kind.plain(
     lambda value: ascending(read_values(value, FREQUENCY.read)), lambda found: write_values(found, FREQUENCY.write)
 )
@@ -485,7 +488,6 @@ def read_directions(value: Any, lattice: Lattice) -> tuple[Any, ...]:
 # -- crystals: balls of several kinds, how they are arranged, and their loads -----------------------------------------
 
 
-_PLACE = Quantity("length", "m", "8 mm", "m, mm, um, nm", "any")
 _MATERIAL = ("young_modulus", "poisson_ratio", "density", "yield_strength")
 
 
@@ -563,7 +565,7 @@ def _read_vectors(value: Any) -> tuple[tuple[float, ...], ...]:
     """Read vectors, each a list of lengths."""
 
     def length(one: Any) -> float:
-        return 0.0 if is_whole(one) and one == 0 else _PLACE.read(one)
+        return 0.0 if is_whole(one) and one == 0 else WAY.read(one)
 
     if value == []:
         return ()
@@ -663,10 +665,10 @@ STRUCTURE = Kind.plain(
     _read_structure, lambda one: None if one is None else one if isinstance(one, str) else write_lattice(one)
 )
 ORDER = Kind.plain(partial(each, rule=label, what="names of kinds"), lambda one: list(one) or None)
-CELL = Kind.plain(_read_vectors, lambda rows: [[_PLACE.write(x) for x in row] for row in rows] or None)
+CELL = Kind.plain(_read_vectors, lambda rows: [[WAY.write(x) for x in row] for row in rows] or None)
 SITES = Kind.plain(
     partial(each, rule=_read_site, what="sites"),
-    lambda sites: [{"kind": kind, "at": [_PLACE.write(x) for x in place]} for place, kind in sites] or None,
+    lambda sites: [{"kind": kind, "at": [WAY.write(x) for x in place]} for place, kind in sites] or None,
 )
 REPEAT = Kind.plain(lambda value: _read_counts(value, "numbers of cells", 1_000_000), lambda one: list(one) or None)
 CUT = Kind.plain(_read_cuts, _write_cuts)

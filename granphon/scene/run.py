@@ -27,6 +27,8 @@ sample_dos.*           of a simulation: density of states of the first sample; .
 spectrum.*, pulse.*    spectral functions of the first sample along the path; a pulse through all samples
 damped_bands.csv       frequencies, decay and Q of bands whose contacts lose energy, if the block bands asks for them
 response.*             response in frequency of the network of each state: .csv and .png
+motion.csv, .png       energies of balls in motion over time, and the greatest force, of each state
+motion.nc              of a single state: the balls at all times; motion_contacts.csv, when the wave comes to each contact
 diameters.csv          the measured diameters, if they are too many for scene.yaml
 =====================  =====================================================================================
 """
@@ -86,6 +88,8 @@ SWEEP_FIGURES = {"sweep_dos.png": "dos", "sweep_spectra.png": "spectrum"}
 SAMPLE_WAVES = {"sample_dos": "dos", "spectrum": "spectrum", "pulse": "pulse"}
 #: what is kept as a result in a file .json, with a figure of it
 KEPT = {**SAMPLE_WAVES, "surface": "surface"}
+#: files of a motion of a single state besides those of every state
+MOTION_FILES = ("motion.nc", "motion_contacts.csv")
 #: columns of a table: heading, unit, and the field of the result
 _COLUMNS = {
     "sample_dos": [
@@ -102,7 +106,7 @@ RESULT_FILES = (
     "scene.yaml", "summary.yaml", "sweep.nc", "sweep.csv", "sweep_dos.csv", "sweep_spectra.csv", "band.yaml",
     "damped_bands.csv", "phonopy_params.yaml", "dos.csv", "sample.extxyz", "sample_balls.csv", "sample_contacts.csv",
     *(f"{stem}.{ending}" for stem in KEPT for ending in ("json", "csv")),
-    *(f"{name}.{ending}" for name in NETWORK_BLOCKS for ending in ("csv", "png")),
+    *(f"{name}.{ending}" for name in NETWORK_BLOCKS for ending in ("csv", "png")), *MOTION_FILES,
     "sweep.png", *SWEEP_FIGURES, "bands.png", "dos.png", "forces.png", *(f"{stem}.png" for stem in KEPT),
     "sweep_incomplete.nc", "sweep_incomplete.csv", DIAMETERS_FILE,
 )  # fmt: skip
@@ -110,6 +114,7 @@ RESULT_FILES = (
 _EXTENTS = (
     "force", "overlap", "longitudinal", "transverse", "transverse_slow", "transverse_fast", "pulse_velocity",
     "time_of_flight", "coherent_fraction", "surface_velocity", "peak_frequency", "peak_quality",
+    "front_velocity", "peak_velocity", "greatest_force", "energy_lost",
     *(f"ioffe_regel_{name}" for name in POLARISATIONS),
 )  # fmt: skip
 
@@ -125,6 +130,7 @@ def list_files(scene: Plan) -> tuple[tuple[str, ...], tuple[str, ...]]:
         names += ["sweep_dos.csv"] * ("dos" in seen) + ["sweep_spectra.csv"] * ("spectrum" in seen)
         drawn += ["sweep.png"] + [name for name, of in SWEEP_FIGURES.items() if of in seen]
         return tuple(names), tuple(drawn)
+    names += MOTION_FILES if "motion" in seen else ()
     if "bands" in seen:
         names += ["band.yaml", "phonopy_params.yaml"]
     names += ["dos.csv"] * ("dos" in seen) + ["surface.json", "surface.csv"] * ("surface" in seen)
@@ -315,7 +321,7 @@ class RunResult:
             from granphon.figures.forces import forces_figure
 
             return forces_figure(self.state)
-        if self.waves is not None and stem in SAMPLE_WAVES:
+        if self.waves is not None and stem in self.waves.results:
             from granphon.figures.plot import plot
 
             return plot(self.waves.results[stem])
@@ -419,6 +425,9 @@ def _describe_alone(
     """Return what a scene observes of a single state; ``parts`` are what was found of its samples."""
     waves = bands = dos = gaps = None
     analysis, records = Analysis(state, scene.direction), [SampleRecord.from_part(part, 0) for part in parts]
+    if not records:
+        with progress.step("networks") if scene.waves is not None else nullcontext():
+            records = work.grid.cases[0].record_alone(state)
     dataset = work.join_alone(analysis, records)
     if records:
         from granphon.runs.wave_records import SampleWaves
@@ -480,6 +489,14 @@ def write_numbers(result: Any, place: Path, advance: Callable[[int], None]) -> N
                 continue
             case "sweep.nc":  # and sweep.csv beside it
                 write_sweep(result.dataset, path)
+            case "motion.nc":
+                from granphon.runs.motion_records import motion_bytes  # imported here: other runs do not need it
+
+                path.write_bytes(motion_bytes(result.waves.motion))
+            case "motion_contacts.csv":
+                from granphon.runs.motion_records import write_contacts
+
+                write_contacts(result.waves.motion, path, result.scene.motion)
             case _ if stem in ("sweep_dos", "sweep_spectra", "damped_bands", *NETWORK_BLOCKS):
                 write_waves(result.dataset, path)
             case "band.yaml":

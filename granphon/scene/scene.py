@@ -37,7 +37,7 @@ class Scene(Plan):
     parameters : the swept parameters of the packing, each with its values; may be given as a mapping.
     finite_overlap : keep the terms of relative order delta/d; True if all media are simulations in their exact geometry,
         which always have them.
-    observe : which of "velocities", "bands", "gaps", "dos", "surface", "spectrum", "pulse", "response" to compute;
+    observe : which of "velocities", "bands", "gaps", "dos", "surface", "spectrum", "pulse", "response", "motion" to compute;
         spectrum, pulse and the density of states of the array itself, of a simulation.
     direction : Cartesian direction of sound, a number for each period of the lattice, or a tuple of such directions; None
         for x, on which velocities do not depend where sound is isotropic.
@@ -47,7 +47,7 @@ class Scene(Plan):
     surface : the edge whose waves are found, if the scene observes them.
     spectrum, pulse : what spectral functions to find, and what pulse to send, if the scene observes them.
     bands : how contacts damp the bands, if the scene observes them; None for bands without loss alone.
-    response : which response of the network of each state to find, if the scene observes it.
+    response, motion : which response of the network of each state to find, and how its balls move, if the scene observes it.
     dim : supercell of the exported force constants, a number for each period; None for the smallest that suffices.
     source : path of the file that the scene was read from; None for a scene made in Python.
 

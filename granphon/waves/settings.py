@@ -1,6 +1,5 @@
 """Settings of waves: the blocks ``spectrum`` and ``pulse`` of a scene, of a simulated array, ``surface``, of an edge, and
-
-``response``, of the network of any state.
+``response`` and ``motion``, of the network of any state.
 """
 
 from __future__ import annotations
@@ -11,6 +10,8 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 from typing import Any, ClassVar
+
+import numpy as np
 
 from granphon.balls.layers import EDGES, read_axis
 from granphon.base.errors import Refused
@@ -28,6 +29,7 @@ from granphon.base.validation import (
     whole,
     zero_or_above,
 )
+from granphon.waves.drives import DriveSettings, read_direction, read_drives
 
 #: what may be asked of the waves in a simulated array
 WAVES = ("dos", "spectrum", "pulse")
@@ -43,7 +45,10 @@ _PUSHES = ("longitudinal", "transverse", "out_of_plane")
 _SOURCES = ("plane", "ball")
 #: what a response may be of, and what it is called then
 RESPONSES = {"displacement": "receptance", "velocity": "mobility", "transmissibility": "transmissibility"}
-_QUANTITIES: dict[str, Quantity] = {"resolution": FREQUENCY, "frequency": FREQUENCY, "distance": LENGTH, "damping": TIME}
+_QUANTITIES: dict[str, Quantity] = {
+    "resolution": FREQUENCY, "frequency": FREQUENCY, "distance": LENGTH, "damping": TIME,
+    "duration": TIME, "step": TIME,
+}  # fmt: skip
 
 
 class _Block:
@@ -199,8 +204,37 @@ class ResponseSettings(NetworkSettings):
         return {"response_frequency": (self.frequencies, FREQUENCY.unit), "receiver": (self.receiver, "")}
 
 
+@dataclass(frozen=True)
+class MotionSettings(NetworkSettings):
+    """Balls that move by the whole of their contact law; see :class:`granphon.NonlinearWaves`.
+
+    Attributes
+    ----------
+    duration : s.
+    drive : one or more :class:`~granphon.waves.drives.DriveSettings`.
+    friction_coefficient : of Coulomb's limit; None: contacts do not slide.
+    damping : viscosity of contacts over their stiffness, s; or that of normal and of other motion.
+    frames : number of times that are kept.
+    step : s; None for one that the stiffest contact allows.
+    """
+
+    block, of_network = "motion", ("repeat", "cut", "drive")
+
+    duration: float
+    drive: tuple[DriveSettings, ...]
+    friction_coefficient: float | None = None
+    damping: float | tuple[float, float] = 0.0
+    frames: int = 201
+    step: float | None = None
+
+    @property
+    def coordinates(self) -> dict[str, tuple[tuple[Any, ...], str]]:
+        """Values and unit of each dimension of what is found, by name."""
+        return {"motion_time": (tuple((self.duration / (self.frames - 1) * np.arange(self.frames)).tolist()), TIME.unit)}
+
+
 #: the blocks about the network of a state, by the word with which a scene observes them
-NETWORK_BLOCKS: dict[str, type[NetworkSettings]] = {"response": ResponseSettings}
+NETWORK_BLOCKS: dict[str, type[NetworkSettings]] = {"response": ResponseSettings, "motion": MotionSettings}
 
 
 @dataclass(frozen=True)
@@ -256,7 +290,13 @@ def wave_rules(block: str, read: bool = True) -> dict[str, Rule]:
         return losses | {
             "frequencies": lambda value: ascending(finite_number_list(value, "Hz", "zero or above")),
             "source": _read_places, "receiver": _read_places, "quantity": partial(choice, options=tuple(RESPONSES)),
-            "direction": _read_vector, "polarisation": partial(choice, options=_PUSHES), "distance": quantity("distance"),
+            "direction": read_direction, "polarisation": partial(choice, options=_PUSHES), "distance": quantity("distance"),
+        }  # fmt: skip
+    if block == "motion":
+        return {
+            "duration": quantity("duration"), "drive": partial(read_drives, read=read),
+            "friction_coefficient": zero_or_above, "damping": losses["damping"],
+            "frames": partial(whole, low=2, high=1_000_000), "step": quantity("step"),
         }  # fmt: skip
     return {
         "frequency": quantity("frequency"), "distance": quantity("distance"), "cycles": partial(number, low=1.0, high=1e4),
@@ -314,14 +354,6 @@ def _is_vector(words: list[Any]) -> bool:
     """Whether words are one to three numbers, not all zero."""
     numbers = [float(one) if isinstance(one, str) and re.fullmatch(NUMBER, one) else one for one in words]
     return 1 <= len(numbers) <= 3 and any(numbers) and all(math.isfinite(real_number(one)) for one in numbers)
-
-
-def _read_vector(value: Any) -> tuple[float, ...]:
-    """Read a Cartesian vector, a list of numbers or a text of them."""
-    words = value.split() if isinstance(value, str) else value if isinstance(value, list | tuple) else [value]
-    if not _is_vector(list(words)):
-        raise Refused(show(value), "one to three numbers, not all zero, such as 0 1")
-    return tuple(map(float, words))
 
 
 def _one_or_two(value: Any, rule: Rule) -> Any:

@@ -216,7 +216,7 @@ MISTAKES = {
     "a stress that opens": (f"{_ON_CHAIN}load: {{stress: [3 N]}}", "load.stress", "a load that the balls can carry"),
     "a parameter of a packing": (f"{_ON_CHAIN}load: {{force: 1 N}}\nsweep: {{width: [1 um]}}", "sweep", "A.diameter"),
     "a side force": (f"{_ON_CHAIN}load: {{side_force: 9 N, balls_per_side: 3}}", "load.side_force", "triangular"),
-    "no period": ("crystal: {lattice: chain, cut: {axis: 0, layers: 5}}\nload: {force: 1 N}", "crystal", "repeats nowhere"),
+    "no period": ("crystal: {lattice: chain, cut: {axis: 0, layers: 5}}\nload: {force: 1 N}", "observe", "repeats nowhere"),
     "twice": ("crystal: {lattice: chain, repeat: 8, remove: 3 5 3}\nload: {force: 1 N}", "crystal.remove", "ball 3 more"),
     "no such ball": ("crystal: {lattice: chain, remove: [7]}\nload: {force: 1 N}", "crystal.remove", "not the number"),
     "no such layer": (

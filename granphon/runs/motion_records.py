@@ -1,0 +1,219 @@
+"""Motions of scenes: how they are made of their settings, what a run keeps of them, and their files."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
+from itertools import product
+from pathlib import Path
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from granphon.array.sample import standard_error
+from granphon.base.errors import InputError
+from granphon.base.results import plain
+from granphon.base.tables import Heading, table_text
+from granphon.networks.network import ContactNetwork, given_network
+from granphon.runs.netcdf import netcdf_bytes, open_bytes
+from granphon.waves.motion import Motion
+from granphon.waves.nonlinear import Drive, NonlinearWaves
+from granphon.waves.pulses import read_balls, read_vector
+from granphon.waves.settings import MotionSettings
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+#: dimensions of the arrays of a motion and of its network in a file, by the letters of their shapes
+_DIMS = {"f": "frame", "n": "ball", "c": "contact", "3": "axis", "m": "meeting", "2": "pair"}
+#: what files of motions say they are, and what names of their network begin with
+_FORMAT, _NETWORK = "granphon motion", "network."
+#: what is found of a motion, and over time, by the names of the catalogue; and what has standard errors over samples
+NUMBERS = (
+    "front_velocity", "peak_velocity", "greatest_force", "energy_translation", "energy_rotation", "energy_stored",
+    "energy_lost", "energy_supplied",
+)  # fmt: skip
+OVER_TIME = tuple(f"motion_{name}" for name in ("translation", "rotation", "stored", "lost", "supplied", "force"))
+_WITH_ERRORS = NUMBERS[:3]
+#: part of the greatest change of a force below which nothing has come to a contact
+_STILL = 1e-3
+#: parts of the greatest distance between which velocities are read, and the least correlation of a line
+_BETWEEN, _STRAIGHT = (0.25, 0.75), 0.9
+
+
+# -- how it is made ---------------------------------------------------------------------------------------------------
+
+
+class PreparedMotion:
+    """The balls of a state, or of a network, that move, and what drives them.
+
+    Raises :class:`~granphon.base.errors.InputError` for what is known to be wrong before anything moves.
+
+    Attributes
+    ----------
+    waves : the balls and their law.
+    drives : :class:`~granphon.Drive`, in turn, without impacts.
+    velocities : (n, 3) those that impacts give, m/s.
+    """
+
+    def __init__(self, x: Any, settings: MotionSettings) -> None:
+        law = getattr(getattr(getattr(x, "source", x), "crystal", None), "law", None)
+        mu = math.inf if settings.friction_coefficient is None else settings.friction_coefficient
+        network = settings.shape(given_network(x))
+        self.settings = settings
+        self.waves = NonlinearWaves(network, law, friction_coefficient=mu, damping=settings.damping)
+        self.drives, self.velocities = list[Drive](), np.zeros((network.n_balls, 3))
+        for one in settings.drive:
+            balls = read_balls("balls of the drive", one.find_balls(network), network)
+            along = np.eye(network.dimension)[0] if one.direction is None else one.direction
+            vector = read_vector("direction of the drive", along, network.dimension)
+            if one.impact is None:
+                moved: Any = one.shaker or one.displacement
+                self.drives.append(Drive(balls, vector, displacement=moved, force=one.force))
+            elif np.all(network.moving[balls]):
+                self.velocities[balls] += one.impact * vector
+            else:
+                raise InputError("an impact on a body that is held", mend="Give it a shaker or a displacement")
+
+    def run(self) -> Motion:
+        """Let the balls move."""
+        of = self.settings
+        return self.waves.run(of.duration, None, self.velocities, self.drives, frames=of.frames, step=of.step)
+
+
+def find_source(settings: MotionSettings, network: ContactNetwork) -> Index:
+    """Return the numbers of all balls of a shaped network that are driven."""
+    return np.unique(np.concatenate([one.find_balls(network) for one in settings.drive]))
+
+
+class Passage(NamedTuple):
+    """When what a drive sends comes to each contact, and how fast it goes.
+
+    Attributes
+    ----------
+    distances : (n_c,) of contacts from the nearest ball that is driven, or its nearest image, m.
+    arrivals : (n_c,) times at which the force has changed by half of what it ever changes, s; nan where it hardly does.
+    peaks, heights : (n_c,) times, s, and sizes, N, of the greatest force; a time is nan at the ends of the motion.
+    front, peak : velocities of the arrivals and of the peaks, m/s: the slopes of the lines of least squares of distances
+        over times, of contacts between a quarter and three quarters of the greatest distance. nan without such a line.
+    """
+
+    distances: Array
+    arrivals: Array
+    peaks: Array
+    heights: Array
+    front: float
+    peak: float
+
+    @classmethod
+    def of(cls, motion: Motion, source: Index) -> Self:
+        """Find what passes the contacts of a motion from the balls ``source``."""
+        network, times = motion.network, motion.times
+        cells = np.array(list(product(*([-1, 0, 1] if one else [0] for one in network.pbc))))
+        images = (network.positions[source] + (cells @ network.cell)[:, None]).reshape(-1, 3)
+        distances = np.asarray(cKDTree(images).query(motion.middles)[0])
+        change = np.abs(motion.forces - motion.forces[0]).max(axis=0)
+        moved = change > _STILL * max(float(change.max(initial=0.0)), 1e-300)
+        peaks, heights = motion.peaks()
+        at = np.argmax(motion.forces, axis=0)
+        arrivals = np.where(moved, motion.arrivals(), np.nan)
+        peaks = np.where(moved & (at > 0) & (at < len(times) - 1), peaks, np.nan)
+        return cls(distances, arrivals, peaks, heights, *(_fit_velocity(distances, one) for one in (arrivals, peaks)))
+
+
+def _fit_velocity(distances: Array, times: Array) -> float:
+    """Return the slope of the line of least squares of distances over times, m/s; nan where there is none."""
+    known = np.isfinite(times)
+    far = float(np.max(distances, initial=0.0, where=known))
+    known &= (distances >= _BETWEEN[0] * far) & (distances <= _BETWEEN[1] * far)
+    if np.count_nonzero(known) < 3:
+        return math.nan
+    (a, b), (_, c) = np.cov(times[known], distances[known])
+    return float(b / a) if b > _STRAIGHT * math.sqrt(a * c) else math.nan
+
+
+def record_motion(x: Any, settings: MotionSettings) -> tuple[dict[str, Array], dict[str, Callable[[], bytes]]]:
+    """Let the array of a state, sample or network move; return what is kept of it, and what makes the bytes of its file."""
+    motion = PreparedMotion(x, settings).run()
+    passage = Passage.of(motion, find_source(settings, motion.network))
+    supplied = motion.work + motion.energy[0]
+    numbers = {
+        "front_velocity": passage.front, "peak_velocity": passage.peak, "greatest_force": motion.forces.max(),
+        "energy_translation": motion.translation[-1], "energy_rotation": motion.rotation[-1],
+        "energy_stored": motion.stored[-1], "energy_lost": motion.lost[-1], "energy_supplied": supplied[-1],
+    }  # fmt: skip
+    over_time = (motion.translation, motion.rotation, motion.stored, motion.lost, supplied, motion.forces.max(axis=1))
+    kept = {name: np.array(float(value)) for name, value in numbers.items()} | {"motion": np.array(over_time)}
+    return kept, {"motion": lambda: motion_bytes(motion)}
+
+
+def average_motions(records: Sequence[Mapping[str, Array]], _: MotionSettings) -> tuple[dict[str, Array], list[str]]:
+    """Return means over samples of what :func:`record_motion` keeps, standard errors, and a note of velocities not known."""
+    out, notes = dict(zip(OVER_TIME, np.mean([one["motion"] for one in records], axis=0), strict=True)), list[str]()
+    for name in NUMBERS:
+        every = np.array([float(one[name]) for one in records])
+        known = every[np.isfinite(every)]
+        if known.size:
+            out[name] = np.array(np.mean(known))
+        if known.size > 1 and name in _WITH_ERRORS:
+            out[f"{name}_error"] = np.asarray(standard_error(known, axis=0))
+        if known.size < every.size:
+            where = f" in {every.size - known.size} of {every.size} samples" if every.size > 1 else ""
+            notes.append(
+                f"the {name.replace('_', ' ')} is not known{where}: distances of contacts over the times at which the wave"
+                " comes are no straight line that rises; run for longer, or with more frames"
+            )
+    return out, notes
+
+
+# -- files ------------------------------------------------------------------------------------------------------------
+
+
+def motion_bytes(motion: Motion) -> bytes:
+    """Return the bytes of a netCDF file of a motion and its network, which :func:`read_motion` reads."""
+    from xarray import Dataset
+
+    variables, attrs = dict[str, Any](), {"format": _FORMAT}
+    for result, before in ((motion, ""), (motion.network, _NETWORK)):
+        rest = dict[str, Any]()
+        for name in (one.name for one in fields(result)):
+            value = getattr(result, name)
+            dims = [_DIMS[letter] for letter in result._shapes.get(name, "").rstrip("?").split()]
+            if isinstance(value, np.ndarray) and len(set(dims)) == value.ndim:
+                variables[before + name] = (tuple(dims), value, {"units": result.units.get(name, "1")})
+            elif not isinstance(value, ContactNetwork):
+                rest[name] = plain(value)
+        attrs[f"{before}rest"] = json.dumps(rest)
+    return netcdf_bytes(Dataset(variables, attrs=attrs))
+
+
+def read_motion(name: str, data: bytes) -> Motion:
+    """Read what :func:`motion_bytes` made, called ``name`` in messages; InputError for anything else."""
+    try:
+        dataset = open_bytes(data)
+        if dataset.attrs.get("format") != _FORMAT:
+            raise ValueError("it holds no motion")
+        found: dict[str, dict[str, Any]] = {before: json.loads(dataset.attrs[f"{before}rest"]) for before in (_NETWORK, "")}
+        for key, variable in dataset.data_vars.items():
+            before = _NETWORK if str(key).startswith(_NETWORK) else ""
+            found[before][str(key).removeprefix(before)] = variable.values
+        network = ContactNetwork.from_dict(found[_NETWORK] | {"class": "ContactNetwork"})
+        return Motion.from_dict(found[""] | {"class": "Motion", "network": network})
+    except InputError:
+        raise
+    except Exception as error:  # whatever makes HDF5, h5netcdf or xarray fail is in the data
+        raise InputError(f"{name} cannot be read", str(error), "Run the scene again") from None
+
+
+def write_contacts(motion: Motion, path: Path, settings: MotionSettings) -> None:
+    """Write a table of the contacts: where they are, and when and how strongly they are pressed."""
+    passage, network = Passage.of(motion, find_source(settings, motion.network)), motion.network
+    columns: list[tuple[str, str, Any]] = [("ball_i", "", network.i), ("ball_j", "", network.j)]
+    columns += [(axis, "m", one) for axis, one in zip("xyz", motion.middles.T, strict=True)]
+    columns += [("distance", "m", passage.distances), ("arrival", "s", passage.arrivals), ("peak", "s", passage.peaks)]
+    columns.append(("greatest_force", "N", passage.heights))
+    rows = zip(*(values.tolist() for _, _, values in columns), strict=True)
+    path.write_text(table_text([Heading(name, unit) for name, unit, _ in columns], rows), encoding="utf-8")

@@ -1,0 +1,260 @@
+"""Scenes whose balls move by the whole of their contact law: numbers, files, figures, sweeps and errors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import granphon as gp
+from granphon.base.errors import ConvergenceError, InputError, SceneError
+from granphon.scene.redraw import redraw
+
+CHAIN = """
+material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
+packing: {lattice: chain, diameter: 8 mm, motions: longitudinal}
+load: {force: FORCE}
+observe: [motion]
+motion:
+  cut: {axis: 0, layers: LAYERS}
+  drive: {balls: 0, impact: SPEED}
+  duration: TIME
+  frames: FRAMES
+"""
+PLANE = """
+material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
+packing: {diameter: 8 mm}
+load: {force: 5 N}
+observe: [motion]
+motion:
+  repeat: 5 1
+  cut: {axis: 1, layers: 4, edges: floor free}
+  drive: DRIVE
+  friction_coefficient: 0.3
+  damping: 1 us
+  duration: 40 us
+  frames: 21
+"""
+CRYSTAL = """
+balls:
+  A: {material: {young_modulus: 193 GPa, poisson_ratio: 0.30, density: 8000 kg/m^3}, diameter: 19.05 mm}
+  B: {material: {young_modulus: 73.5 GPa, poisson_ratio: 0.33, density: 2700 kg/m^3}, diameter: 19.05 mm}
+crystal: {lattice: chain, kinds: [B, A], law: LAW, motions: longitudinal}
+load: {force: 10 N}
+observe: [motion]
+motion: {cut: {axis: 0, layers: 10}, drive: {balls: lower, impact: 0.1 m/s}, duration: 0.5 ms}
+"""
+
+
+def scene(text, **words):
+    for name, word in words.items():
+        text = text.replace(name, word)
+    return gp.Scene.from_text(text)
+
+
+def chain(force, layers, speed, time, frames, **words):
+    words |= {"FORCE": force, "LAYERS": str(layers), "SPEED": speed, "TIME": time, "FRAMES": str(frames)}
+    return scene(CHAIN, **words)
+
+
+@pytest.mark.claim("solitary-wave")
+def test_a_solitary_wave_through_a_scene(tmp_path):
+    """V = 0.90553 d A^(1/3) m^(-1/2) F_m^(1/6), from the summary and the table of contacts."""
+    one = chain("1 nN", 80, "0.1 m/s", "2 ms", 2001)
+    result = one.run(tmp_path, figures=False)
+    table = np.genfromtxt(tmp_path / "motion_contacts.csv", delimiter=",", names=True)
+    force = table["greatest_force_N"][40]
+    state, numbers = one.state(), result.summary()
+    coefficient = state.force / state.overlap**1.5
+    wanted = 0.90553 * 8e-3 * coefficient ** (1 / 3) * state.packing.mass**-0.5 * force ** (1 / 6)
+    assert_allclose([numbers["front_velocity"], numbers["peak_velocity"]], wanted, rtol=1e-4)
+    rise = np.polyfit(table["peak_s"][20:60], table["distance_m"][20:60], 1)[0]
+    assert_allclose(rise, wanted, rtol=1e-4)
+    assert numbers["greatest_force"] == table["greatest_force_N"].max() or numbers["greatest_force"] > force
+    assert_allclose(numbers["energy_translation"] + numbers["energy_stored"], numbers["energy_supplied"], rtol=1e-4)
+    assert numbers["energy_lost"] == 0.0
+
+
+@pytest.mark.claim("solitary-wave")
+@pytest.mark.parametrize(("speed", "low", "high"), [(None, 1.045, 1.055), ("0.12 m/s", 1.5, 2.0), ("0.3 m/s", 2.5, 4.5)])
+def test_pulses_of_a_pressed_chain_through_scenes(speed, low, high, tmp_path):
+    """V/c of the long-wave theory at r = F_m/F_0, within 0.5 %; a weak pulse is sent by the displacement of its soliton."""
+    one = chain("10 N", 140, speed or "1 m/s", "1.7 ms", 851)
+    sound, overlap = gp.sound_velocities(one.state()).longitudinal, one.state().overlap
+    if speed is None:
+        size = 1.05 ** (2.0 / 3.0) - 1.0  # compression over the overlap at rest
+        length, velocity = 8e-3 * np.sqrt(2.0 / size), sound * np.sqrt(1.0 + size / 6.0)
+        times = np.linspace(0.0, 8.0 * length / velocity, 81)
+        way = size * overlap * length / 8e-3 * (np.tanh(velocity * times / length - 4.0) + np.tanh(4.0))
+        lists = {"time": [f"{t!r} s" for t in times.tolist()], "displacement": [f"{u!r} m" for u in way.tolist()]}
+        text = one.to_yaml()
+        text = (
+            text[: text.index("  drive:")]
+            + f"  drive: {{balls: 0, displacement: {lists}}}"
+            + text[text.index("\n  damping") :]
+        )
+        one = gp.Scene.from_text(text.replace("'", ""))
+    result = one.run(tmp_path, figures=False)
+    table = np.genfromtxt(tmp_path / "motion_contacts.csv", delimiter=",", names=True)
+    r = table["greatest_force_N"][60] / 10.0
+    wanted = np.sqrt(4.0 / 15.0 * (3.0 + 2.0 * r ** (5.0 / 3.0) - 5.0 * r ** (2.0 / 3.0))) / (r ** (2.0 / 3.0) - 1.0)
+    assert low < r < high
+    assert_allclose(result.summary()["peak_velocity"] / sound, wanted, rtol=5e-3)
+
+
+def test_a_single_state_has_its_balls_tables_and_a_figure(tmp_path):
+    one = scene(PLANE, DRIVE="{balls: 2, impact: 0.2 m/s, direction: 0 1}")
+    result = one.run(tmp_path)
+    files = {path.name for path in result.files}
+    assert {"motion.nc", "motion.csv", "motion_contacts.csv", "motion.png"} <= files
+    network = one.state().network.repeat((5, 1)).cut(1, 4, ("floor", "free"))
+    velocities = np.zeros((network.n_balls, 3))
+    velocities[2, 1] = 0.2
+    waves = gp.NonlinearWaves(network, friction_coefficient=0.3, damping=1e-6)
+    assert result.waves.motion == waves.run(4e-5, velocities=velocities, frames=21)
+    table = np.genfromtxt(tmp_path / "motion.csv", delimiter=",", names=True)
+    parts = [table[f"motion_{name}_J"] for name in ("translation", "rotation", "stored", "lost")]
+    assert_allclose(np.sum(parts, axis=0), table["motion_supplied_J"], rtol=2e-3)
+    assert result.summary()["energy_lost"] == parts[3][-1] > 0.0
+    assert redraw(tmp_path, force=True).name == "motion.png"
+    assert len(gp.plot(result).axes) == 5
+    again = gp.Scene.from_text(one.to_yaml())
+    assert again == one
+    assert gp.Scene.from_yaml(tmp_path / "scene.yaml") == one
+
+
+def test_a_sweep_has_the_numbers_of_single_runs(tmp_path):
+    loads = chain("[1 N, 20 N]", 30, "0.1 m/s", "0.5 ms", 401)
+    data = loads.run(tmp_path).dataset
+    assert {"sweep.png", "motion.png", "motion.csv"} <= {path.name for path in tmp_path.iterdir()}
+    for index, force in enumerate(("1 N", "20 N")):
+        alone = chain(force, 30, "0.1 m/s", "0.5 ms", 401).run(tmp_path / force[:2], figures=False).dataset
+        for name in ("front_velocity", "peak_velocity", "greatest_force", "energy_supplied", "motion_force"):
+            np.testing.assert_array_equal(data[name].values[index], alone[name].values[0])
+    assert redraw(tmp_path, tmp_path / "motion.pdf").exists()
+
+
+def test_a_shaker_pushes_and_tables_give_the_work(tmp_path):
+    """A force over time, from a table or as lists, and a displacement of the floor; the work is what the balls have."""
+    times = np.linspace(0.0, 2e-5, 51)
+    push = 3.0 * np.sin(np.pi * times / 2e-5) ** 2
+    (tmp_path / "push.csv").write_text(
+        "time (us), force (N)\n" + "".join(f"{1e6 * t}, {f}\n" for t, f in zip(times, push, strict=True))
+    )
+    (tmp_path / "scene.yaml").write_text(PLANE.replace("DRIVE", "{balls: [1, 3], force: push.csv, direction: 0 1}"))
+    one = gp.Scene.from_yaml(tmp_path / "scene.yaml")
+    result = one.run(tmp_path / "out", figures=False)
+    listed = gp.Scene.from_yaml(tmp_path / "out" / "scene.yaml")
+    assert listed == one
+    assert_allclose(listed.motion.drive[0].force.values, push, atol=1e-15)
+    numbers = result.summary()
+    kept = sum(numbers[f"energy_{name}"] for name in ("translation", "rotation", "stored", "lost"))
+    assert_allclose(kept, numbers["energy_supplied"], rtol=2e-3)
+    floor = scene(PLANE, DRIVE="{balls: lower, shaker: {amplitude: 20 nm, frequency: 50 kHz, ramp: 1}, direction: 0 1}")
+    motion = floor.run(tmp_path / "floor", figures=False).waves.motion
+    assert_allclose(np.abs(motion.displacements[:, 20, 1]).max(), 2e-8, rtol=0.05)  # the floor comes after the balls
+    assert motion.work[-1] > 0.0
+
+
+def test_crystals_move_by_their_own_law(tmp_path):
+    for law, exponent in (("hertz", 1.5), ("{power: {exponent: 2, coefficient: 1e12}}", 2.0)):
+        one = scene(CRYSTAL, LAW=law)
+        motion = one.run(tmp_path / str(exponent), figures=False).waves.motion
+        network = one.state().network.cut(0, 10)
+        velocities = np.zeros((20, 3))
+        velocities[0, 0] = 0.1
+        waves = gp.NonlinearWaves(network, None if exponent == 1.5 else gp.PowerLaw(2.0, 1e12))
+        assert motion == waves.run(5e-4, velocities=velocities)
+
+
+@pytest.mark.parametrize("edges", ["free", "clamped free"])
+def test_what_repeats_nowhere_moves_and_responds(edges, tmp_path):
+    """A chain that is cut in the crystal, under two loads, with the law of the crystal."""
+    text = CRYSTAL.replace("motions:", f"cut: {{axis: 0, layers: 5, edges: {edges}}}, motions:").replace(
+        "10 N", "[5 N, 10 N]"
+    )
+    text = text.replace("cut: {axis: 0, layers: 10}, drive: {balls: lower", "drive: {balls: upper")
+    text = text.replace("[motion]", "[motion, response]")
+    text += "response: {frequencies: [1 kHz, 2 kHz], source: 9 x, receiver: 4 x}\n"
+    one = scene(text, LAW="{power: {exponent: 2, coefficient: 1e12}}")
+    data = one.run(tmp_path).dataset
+    state = one.packing.crystal.at_force([5.0, 10.0])[1]
+    assert not any(state.network.pbc)
+    velocities = np.zeros((10, 3))
+    velocities[-1, 0] = 0.1
+    motion = gp.NonlinearWaves(state.network, gp.PowerLaw(2.0, 1e12)).run(5e-4, velocities=velocities)
+    assert_allclose(data["greatest_force"].values[1, 0], motion.forces.max(), rtol=1e-12)
+    response = gp.Waves(state.network).response([1e3, 2e3], [(9, "x")], [(4, "x")])
+    assert_allclose(data["receptance"].values[1, 0], np.abs(response.values), rtol=1e-12)
+    with pytest.raises(SceneError, match="'bands' of what repeats nowhere"):
+        scene(text.replace("[motion, response]", "[bands]"), LAW="hertz")
+
+
+def test_samples_of_a_simulation_move_and_are_averaged(tmp_path):
+    text = PLANE.replace("repeat: 5 1\n  cut: {axis: 1, layers: 4, edges: floor free}", "cut: {axis: 1, layers: 1}")
+    text = text.replace("diameter: 8 mm", "diameter: 8 mm, spread: {uniform: 1 um}")
+    text += "medium: {simulation: {shape: 6 8, samples: 2}}\n"
+    one = scene(text, DRIVE="{balls: lower, impact: 0.1 m/s, direction: 0 1}")
+    result = one.run(tmp_path)
+    numbers = result.summary()
+    assert numbers["greatest_force_error"] > 0.0
+    peaks = [
+        (gp.Scene.from_text(one.to_yaml().replace("samples: 2", "samples: 1").replace("seed: 0", f"seed: {seed}"))
+              .run(tmp_path / str(seed), figures=False).dataset["greatest_force"].item())
+        for seed in (0, 1)
+    ]  # fmt: skip
+    assert_allclose(numbers["greatest_force"], np.mean(peaks), rtol=1e-12)
+    assert result.waves.motion.forces.max() == peaks[0]
+
+
+@pytest.mark.parametrize(
+    ("drive", "said"),
+    [
+        ("{balls: 2}", "balls alone; allowed: exactly one of impact, shaker, force, displacement"),
+        ("{balls: 2, impact: 1 m/s, force: push.csv}", "impact and force"),
+        ("{balls: 99, impact: 1 m/s}", "Balls have the indices 0 to 20"),
+        ("{balls: lower, impact: 1 m/s}", "an impact on a body that is held"),
+        ("{balls: lower, force: {time: [0 s, 1 us], force: [0 N, 1 N]}}", "a force acts on a body that is held"),
+        ("{balls: middle, impact: 1 m/s}", "lower, upper"),
+        ("{balls: 2, impact: 1 kg}", "velocity"),
+        ("{balls: 2, impact: 1 m/s, direction: 0 0}", "not all zero"),
+        ("{balls: 2, shaker: {amplitude: 1 um}}", "frequency"),
+        ("{balls: 2, force: {time: [0 s, -1 us], force: [0 N, 1 N]}}", "negative"),
+        ("{balls: 2, force: {time: [1 us, 0 s], force: [0 N, 1 N]}}", "each after the one before"),
+        ("{balls: 2, force: {time: [0 s, 1 us], force: [0 N]}}", "each with a value"),
+        ("{balls: 2, force: none.csv}", "a table with the columns time and force"),
+        ("[]", "an empty list"),
+    ],
+)
+def test_drives_that_are_refused(drive, said, tmp_path):
+    with pytest.raises(SceneError, match=said) as caught:
+        scene(PLANE, DRIVE=drive).run(tmp_path, figures=False)
+    assert "motion" in str(caught.value)
+    assert not list(tmp_path.glob("*.nc"))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (("duration: 40 us", "duration: -1 us"), "negative"),
+        (("duration: 40 us", "duration: 1 h"), "steps"),
+        (("  duration: 40 us\n", ""), "duration"),
+        (("frames: 21", "frames: 1"), "from 2 to"),
+        (("frames: 21", "frames: 2\n  step: 20 us"), "too long"),
+        (("damping: 1 us", "damping: -1 us"), "negative"),
+        (("friction_coefficient: 0.3", "friction_coefficient: -1"), "zero or above"),
+        (("axis: 1, layers: 4", "axis: 7, layers: 4"), "axis"),
+        (("repeat: 5 1\n", "repeat: 0 1\n"), "from 1"),
+    ],
+)
+def test_what_is_refused(change, said, tmp_path):
+    with pytest.raises(InputError, match=said) as caught:
+        scene(PLANE.replace(*change), DRIVE="{balls: 2, impact: 0.2 m/s}").run(tmp_path, figures=False)
+    assert "motion" in str(caught.value)
+
+
+def test_a_ball_that_flies_away_ends_the_run(tmp_path):
+    with pytest.raises(ConvergenceError, match="a ball has left its place"):
+        chain("1 N", 4, "40 m/s", "2 ms", 11).run(tmp_path)
+    with pytest.raises(SceneError, match="motion with a block 'motion'"):
+        gp.Scene.from_text(CHAIN[: CHAIN.index("motion:\n")].replace("FORCE", "1 N"))
