@@ -124,7 +124,7 @@ def test_reduced_mesh_equals_the_full_one(method, case):
     if method == "tetrahedron" and case in ("square", "fcc", "hcp"):
         # the mesh is cut along one of several equal diagonals: see the next test
         return
-    within = dict(rtol=1e-9, atol=1e-12 * top) if method == "smearing" else dict(atol=2e-6 * top)
+    within = {"rtol": 1e-9, "atol": 1e-12 * top} if method == "smearing" else {"atol": 2e-6 * top}
     np.testing.assert_allclose(reduced.translational, whole.translational, **within)
     np.testing.assert_allclose(reduced.rotational, whole.rotational, **within)
     # 12 operations of the layer group on the triangular and kagome lattices, 8 on the square one
