@@ -57,7 +57,7 @@ def fit_measurements(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Fit the spread of diameters to measured sound velocities, or the damping of contacts to a transfer function.
+    """Fit the spread to velocities, or damping to a response.
 
     The scene gives the balls and the medium; the fit replaces the width of its spread. Equal balls in the medium ala are
     fitted with ema, and the loads of the scene are not used; a warning says so if it has several.
