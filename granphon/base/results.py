@@ -366,6 +366,6 @@ def _make_array(value: Any, dtype: Any) -> np.ndarray[Any, Any] | None:
     except (ValueError, OverflowError):  # ragged, or too large
         return None
     kinds = "biufc" if dtype is None else "c" if dtype is np.complex128 else "iu" if np.dtype(dtype).kind == "i" else "iuf"
-    if found.dtype.kind not in kinds or any(isinstance(one, bool) for one in leaves):
+    if (found.size and found.dtype.kind not in kinds) or any(isinstance(one, bool) for one in leaves):
         return None
     return found if dtype is None or found.dtype == dtype else found.astype(dtype)

@@ -71,6 +71,11 @@ class Motion(Result):
     network: ContactNetwork
     met: Index = field(default_factory=lambda: np.zeros((0, 2), np.intp))
 
+    def __post_init__(self) -> None:
+        # plain data do not keep the shape of an array without numbers
+        object.__setattr__(self, "met", np.reshape(self.met, (-1, 2)))
+        super().__post_init__()
+
     @classmethod
     def read(cls, path: str | os.PathLike[str], frames: slice = slice(None)) -> Self:
         """Return the motion that a run has written to a file, or some of its ``frames``; the run may still go on.
