@@ -23,6 +23,12 @@ Complex = NDArray[np.complex128]
 _POINT = 0.31 + 0.17j
 #: distance from the unit circle up to which a wave runs; and of lambda, up to which waves are one
 _ON_CIRCLE, _TOGETHER = 1e-7, 1e-7
+#: angle of lambda up to which waves are long: the error of an eigenvalue is that of rounding over this angle
+_LONG = 0.1
+#: eigenvalue of D of equal layers, over the largest, up to which it is the rounding of zero
+_FREE = 1e-13
+#: steps of Newton's method for long waves, which start with half of the digits or more
+_NEWTON = 3
 #: singular value, over the largest, up to which a coupling has none
 _UNCOUPLED = 1e-12
 #: condition of the waves of one sense from which they are not told apart
@@ -99,8 +105,46 @@ def find_bloch_waves(blocks: Couplings, w: Array, layer: int) -> list[tuple[Bloc
         order = np.argsort(np.abs(inverse[at] + 1.0 / _POINT))
         kept = np.setdiff1d(order[lost[0].shape[1] :], np.argsort(np.abs(inverse[at]))[: lost[1].shape[1]])
         factors, motions = _POINT + 1.0 / inverse[at, kept], vectors[at][:size, kept]
+        couplings = [one[at] for one in steps]
+        couplings[reach] = couplings[reach] + w[at] * np.eye(layer)
+        factors, motions = _sharpen_long(factors, motions, couplings, w[at])
         found.append(_sort_senses(factors, motions, up[at], down[at], lost, reach))
     return found
+
+
+def _sharpen_long(factors: Complex, vectors: Complex, couplings: list[Complex], w: float) -> tuple[Complex, Complex]:
+    """Return lambda = exp(i theta) and the motions of a block, where long waves that run, undamped, have all their digits.
+
+    The sum of D_s lambda^s, less w, is there a difference of near-equal numbers. Its part at lambda = 1 is zero on motions
+    that cost nothing if all layers move alike, and is left out for these; the rest is D_s (exp(i s theta) - 1). All other
+    motions follow from the free ones at each theta, which Newton's method finds. The shares of the free motions are kept:
+    theta depends on their error by its square.
+    """
+    reach, size = len(couplings) // 2, len(couplings[0])
+    long = np.flatnonzero((np.abs(np.abs(factors) - 1.0) < _ON_CIRCLE) & (np.abs(np.angle(factors)) < _LONG))
+    alike = np.sum(couplings, axis=0)
+    lossy = max(np.max(np.abs(one - other.conj().T)) for one, other in zip(couplings, couplings[::-1], strict=True))
+    if not long.size or lossy > _FREE * np.max(np.abs(couplings[reach])):
+        return factors, vectors
+    values, modes = np.linalg.eigh(alike)
+    costs = values > _FREE * values[-1]
+    free, other, stiff = modes[:, ~costs], modes[:, costs], values[costs]
+    factors, vectors, steps = factors.copy(), vectors.copy(), range(-reach, reach + 1)
+    for n in long:
+        theta, along = float(np.angle(factors[n])), free.conj().T @ vectors[:size, n]
+        if np.linalg.norm(along) < 0.5 * np.linalg.norm(vectors[:size, n]):
+            continue  # the edge of another band is near
+        for _ in range(_NEWTON):
+            turned = sum(one * np.expm1(1j * s * theta) for s, one in zip(steps, couplings, strict=True))
+            slope = sum(one * 1j * s * np.exp(1j * s * theta) for s, one in zip(steps, couplings, strict=True))
+            pulled = other.conj().T @ turned
+            follow = np.linalg.solve(np.diag(stiff - w) + pulled @ other, -pulled @ (free @ along))
+            v = free @ along + other @ follow
+            value = (v.conj() @ turned @ v).real + stiff @ np.abs(follow) ** 2 - w * np.linalg.norm(v) ** 2
+            theta -= float(value / (v.conj() @ slope @ v).real)
+        factors[n] = np.exp(1j * theta)
+        vectors[:, n] = np.concatenate([v * factors[n] ** layer for layer in range(len(vectors) // size)])
+    return factors, vectors
 
 
 def _null_space(coupling: Complex) -> Complex:
