@@ -196,3 +196,25 @@ def test_a_file_of_a_motion_grows_with_contacts_and_frames(tmp_path):
     path.write_bytes(b"not a motion")
     with pytest.raises(gp.GranphonError, match="not a file of records"):
         gp.Motion.read(path)
+
+
+def test_a_motion_starts_from_the_history_of_friction():
+    """An array that slid when it was pressed stays at rest; small motions let contacts at Coulomb's limit slide at once."""
+    packing = gp.Packing(STEEL, D, spread=gp.Uniform(4e-6))
+    array = gp.DirectSimulation(packing, shape=(6, 6), seed=1, friction_coefficient=0.2, friction_history=True)
+    sample = array.at_force(2.0).samples[0]
+    network = sample.network
+    tangential = np.linalg.norm(network.tangential_force, axis=1)
+    at_limit = np.isclose(tangential, 0.2 * network.normal_force, rtol=1e-9)
+    assert 0 < np.count_nonzero(at_limit) < network.n_contacts
+    most = {}
+    for mu in (0.2, 0.4):
+        waves = gp.NonlinearWaves(sample, friction_coefficient=mu, geometry="exact")
+        rest = waves.run(1e-4, frames=5)
+        assert_allclose(rest.shears, np.broadcast_to(tangential, rest.shears.shape), atol=1e-9)
+        assert_allclose(rest.velocities, 0.0, atol=1e-12)
+        velocities = 1e-6 * np.random.default_rng(0).standard_normal((network.n_balls, 2))
+        moved = waves.run(1e-5, velocities=velocities, frames=2)
+        most[mu] = np.max(moved.shears[-1] / (0.2 * moved.forces[-1]))
+    assert most[0.2] == pytest.approx(1.0, abs=1e-12)
+    assert most[0.4] > 1.0 + 1e-7
