@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import math
+import signal
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +17,7 @@ import granphon as gp
 from granphon.base.errors import InputError, StoppedEarlyWarning
 from tests.networks.test_cuts import D, bulk
 
+ROOT = Path(__file__).parents[2]
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
 
 
@@ -292,6 +297,31 @@ def test_ctrl_c_keeps_what_there_is(tmp_path):
         motion = waves.run(1e-4, drive=drive, frames=101, file=tmp_path / "motion.nc")
     assert 45 < len(motion.times) < 55
     assert gp.Motion.read(tmp_path / "motion.nc") == motion
+
+
+def test_a_file_of_a_motion_whose_program_was_killed_can_be_read(tmp_path):
+    """The frames that had come are those of a run that ends by itself."""
+    script = """
+import os, signal, sys
+import granphon as gp
+from tests.waves.test_nonlinear import line
+
+def force(time):
+    if time > 5e-5 and sys.argv[2] == "kill":
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 1.0
+
+gp.NonlinearWaves(line(10.0, 4)).run(1e-4, drive=gp.Drive(0, (1, 0, 0), force=force), frames=101, file=sys.argv[1])
+"""
+    for how, code in (("kill", -signal.SIGKILL), ("end", 0)):
+        done = subprocess.run([sys.executable, "-c", script, tmp_path / how, how], cwd=ROOT, check=False)
+        assert done.returncode == code
+    whole, part = (gp.Motion.read(tmp_path / how) for how in ("end", "kill"))
+    count = len(part.times)
+    assert 45 < count < 55
+    assert len(whole.times) == 101
+    for name in ("times", "velocities", "forces", "lost"):
+        assert np.array_equal(getattr(part, name), getattr(whole, name)[:count])
 
 
 @pytest.mark.parametrize(
