@@ -109,6 +109,7 @@ from .tradeoffs.measure import tradeoff as tradeoff
 from .waves.amplitude import amplitude_shift as amplitude_shift
 from .waves.dos import LocalDensity as LocalDensity
 from .waves.dos import SpectralDensity as SpectralDensity
+from .waves.drives import DriveSettings as DriveSettings
 from .waves.modes import NetworkModes as NetworkModes
 from .waves.motion import Motion as Motion
 from .waves.nonlinear import Drive as Drive
@@ -118,6 +119,7 @@ from .waves.pulses import Pulse as Pulse
 from .waves.response import Peaks as Peaks
 from .waves.response import Response as Response
 from .waves.settings import BandsSettings as BandsSettings
+from .waves.settings import MotionSettings as MotionSettings
 from .waves.settings import PulseSettings as PulseSettings
 from .waves.settings import ResponseSettings as ResponseSettings
 from .waves.settings import SpectrumSettings as SpectrumSettings

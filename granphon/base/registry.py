@@ -14,7 +14,6 @@ from collections.abc import Iterator, Mapping
 from typing import Any, TypeVar
 
 from granphon.base.errors import InputError, one_line
-from granphon.base.validation import label, require
 
 T = TypeVar("T")
 #: group of the entry points
@@ -43,6 +42,8 @@ class Registry(Mapping[str, T]):
 
         Raises :class:`~granphon.base.errors.InputError` if granphon or another plug-in has one of this name.
         """
+        from granphon.base.validation import label, require  # imported here: what only lists the plug-ins needs no NumPy
+
         require(f"the name of a {self.what}", label, name)
         source = _plugins.loading or _PROGRAM
         if (holder := self._sources.get(name, source)) != source:

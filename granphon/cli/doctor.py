@@ -13,6 +13,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from granphon.base.registry import load_plugins
 from granphon.base.scales import write_quantity
 from granphon.cli.app import ABOUT, command
 from granphon.cli.terminal import say, say_table
@@ -51,7 +52,6 @@ def describe_system() -> None:
       granphon doctor
     """
     from granphon import __version__
-    from granphon.base.registry import load_plugins  # imported here: it loads NumPy, which no help needs
 
     say(f"granphon {__version__}")
     say_table([

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from itertools import product
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from granphon.array.sample import standard_error
-from granphon.base.errors import InputError
+from granphon.base.errors import ConvergenceError, InputError, StoppedEarlyWarning
 from granphon.base.results import plain
 from granphon.base.tables import Heading, table_text
 from granphon.networks.network import ContactNetwork, given_network
@@ -79,9 +80,17 @@ class PreparedMotion:
                 raise InputError("an impact on a body that is held", mend="Give it a shaker or a displacement")
 
     def run(self) -> Motion:
-        """Let the balls move."""
+        """Let the balls move; :class:`~granphon.base.errors.ConvergenceError` for a motion that ends before its time."""
         of = self.settings
-        return self.waves.run(of.duration, None, self.velocities, self.drives, frames=of.frames, step=of.step)
+        with warnings.catch_warnings():
+            # its frames would not be those of other loads and samples
+            warnings.simplefilter("error", StoppedEarlyWarning)
+            try:
+                return self.waves.run(of.duration, None, self.velocities, self.drives, frames=of.frames, step=of.step)
+            except StoppedEarlyWarning as stopped:
+                if "Ctrl-C" in str(stopped):
+                    raise KeyboardInterrupt from None
+                raise ConvergenceError(str(stopped), mend="Give a shorter duration, or a weaker drive") from None
 
 
 def find_source(settings: MotionSettings, network: ContactNetwork) -> Index:

@@ -426,7 +426,7 @@ def _describe_alone(
     waves = bands = dos = gaps = None
     analysis, records = Analysis(state, scene.direction), [SampleRecord.from_part(part, 0) for part in parts]
     if not records:
-        with progress.step("networks") if scene.waves is not None else nullcontext():
+        with progress.step("networks") if scene.waves is not None and scene.waves.of_networks else nullcontext():
             records = work.grid.cases[0].record_alone(state)
     dataset = work.join_alone(analysis, records)
     if records:

@@ -710,7 +710,7 @@ class _Runs(NamedTuple):
     memory: int = 0
 
 
-class _BudgetError(GranphonError):
+class _BudgetError(Exception):
     """The time left is too short to run a point."""
 
 
