@@ -194,7 +194,7 @@ def test_the_figure_of_one_variable_and_of_a_sweep_without_exponents(widths):
     # at one load the curves lie over the parameter
     assert velocities.get_xlabel() == "Width (µm)"
     assert all(list(line.get_xdata()) == [1e-6, 2e-6] for line in velocities.lines)
-    assert [text.get_text() for text in figure.legends[0].get_texts()][0] == "effective medium"
+    assert figure.legends[0].get_texts()[0].get_text() == "effective medium"
 
 
 @pytest.mark.parametrize(
