@@ -110,6 +110,8 @@ from .waves.amplitude import amplitude_shift as amplitude_shift
 from .waves.dos import LocalDensity as LocalDensity
 from .waves.dos import SpectralDensity as SpectralDensity
 from .waves.drives import DriveSettings as DriveSettings
+from .waves.drives import Shaker as Shaker
+from .waves.drives import Signal as Signal
 from .waves.modes import NetworkModes as NetworkModes
 from .waves.motion import Motion as Motion
 from .waves.nonlinear import Drive as Drive

@@ -28,7 +28,13 @@ DRIVES = ("impact", "shaker", "force", "displacement")
 
 @dataclass(frozen=True)
 class Signal:
-    """A quantity over time, in SI units: linear between the ``times``, s, and constant before and after them."""
+    """A quantity over time, linear between the ``times`` and constant before and after them.
+
+    Attributes
+    ----------
+    times : s, ascending.
+    values : a displacement, m, or a force, N, at each of them.
+    """
 
     times: tuple[float, ...]
     values: tuple[float, ...]
