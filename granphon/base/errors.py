@@ -143,7 +143,9 @@ class InconsistencyWarning(UserWarning):
 
 
 class StoppedEarlyWarning(UserWarning):
-    """A run ends before its time; what it has found so far is kept."""
+    """A run ends before its time; what it has found so far is kept. ``interrupted``: by Ctrl-C."""
+
+    interrupted = False
 
 
 class UnverifiedFileWarning(UserWarning):

@@ -398,8 +398,8 @@ def motion(duration: float, top: float, violence: float, balls: int, contacts: i
     """Estimate the cost of a motion of so many ``balls`` and ``contacts``, kept at so many times.
 
     ``top`` is the highest angular frequency at rest, rad/s, of which a period has 60 steps. An impact stiffens contacts:
-    ``violence`` is the energy of the fastest ball, m v^2, over that of a contact at rest, f^2/k. Seconds and bytes were
-    measured in chains and on the triangular lattice with friction, with 500 to 9,000 balls.
+    ``violence`` is the energy of the fastest ball, m v^2, over that of a contact at rest, f^2/k. Seconds and bytes
+    follow two rough timings, and tell the order of magnitude.
     """
     steps = duration * top * (1.0 + violence) ** 0.1 * _MOTION_STEPS / (2.0 * math.pi)
     memory = 8.0 * frames * (15.0 * balls + 2.0 * contacts) * _MOTION_COPIES

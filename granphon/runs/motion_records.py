@@ -88,7 +88,7 @@ class PreparedMotion:
             try:
                 return self.waves.run(of.duration, None, self.velocities, self.drives, frames=of.frames, step=of.step)
             except StoppedEarlyWarning as stopped:
-                if "Ctrl-C" in str(stopped):
+                if stopped.interrupted:
                     raise KeyboardInterrupt from None
                 raise ConvergenceError(str(stopped), mend="Give a shorter duration, or a weaker drive") from None
 

@@ -259,7 +259,7 @@ class NonlinearWaves:
                         if frame:
                             told.advance()
                 except KeyboardInterrupt:
-                    stopped = "Ctrl-C"
+                    stopped = _CTRL_C
                 except _Stop as stop:
                     stopped = str(stop)
             if stopped == _TOO_LONG and step is None and wanted > least:
@@ -267,7 +267,9 @@ class NonlinearWaves:
                 continue
             if stopped:
                 at = kept.last_time
-                warnings.warn(f"the motion ends after {at:.4g} s of {length:.4g} s: {stopped}", StoppedEarlyWarning, 2)
+                early = StoppedEarlyWarning(f"the motion ends after {at:.4g} s of {length:.4g} s: {stopped}")
+                early.interrupted = stopped == _CTRL_C
+                warnings.warn(early, stacklevel=2)
             return kept.join()
 
     def _require_shape(self, name: str, values: Array) -> None:
@@ -281,6 +283,7 @@ class _Stop(Exception):
     """A run cannot go on."""
 
 
+_CTRL_C = "Ctrl-C"
 _TOO_LONG = "the step is too long for contacts that have become stiffer"
 
 
