@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.sparse_matrices import factorise
+from granphon.array.sparse_matrices import LARGEST_FACTORS, factorise
 from granphon.base.errors import ConvergenceError, InputError, InstabilityError, message
 from granphon.base.results import Result
 from granphon.base.text import counted
@@ -88,8 +88,6 @@ _KEPT = 32
 _COLUMNS = 32
 #: most motions of a matrix that is dense because many modes are wanted, or many cost no energy: 2 GB
 _LARGEST = 10_000
-#: most motions of a matrix that is factorised, for balls on a line, in a plane, in space: the factors take 1 GB at most
-LARGEST_FACTORS = {1: 1_000_000, 2: 300_000, 3: 12_000}
 #: largest share of all modes that are found without all of them
 _SHARE = 3
 #: shift of the factors for the lowest modes, over top^2

@@ -10,20 +10,27 @@ springs and dashpots. There are two ways to solve it.
 Directly: sparse LU factors of Z at each frequency, in an order of the motions that is found once. Further solutions, of what
 is left, mend the first until they change it no more; the last change is the error.
 
-By one Krylov space for all frequencies, of the source and a matrix H that does not depend on them: the process of Lanczos
-turns H into a tridiagonal matrix on the vectors that it makes of the source, and the shifted systems of all frequencies are
-solved there (R. W. Freund, in Numerical Linear Algebra, de Gruyter, 1993). Of the vectors only the signals of receivers are
-kept. If all contacts are damped alike, Z = s (D - z) with a number s and z = omega^2/s, and H is D. Else H is that of
-velocities v = x' and deformations y = (1 + i eta)^1/2 A x, with which the equations of motion are of first order,
+By one Krylov space for all frequencies, of the source and a matrix H that does not depend on them: each step multiplies the
+last vector by H and makes the result orthogonal to the two before it. On these vectors H is a tridiagonal matrix, with which
+the shifted systems of all frequencies are solved (R. W. Freund, in Numerical Linear Algebra, de Gruyter, 1993). Of the
+vectors only the signals of receivers are kept, and a step takes one product and a few sums.
+
+If all contacts are damped alike, Z = s (D - z) with a number s and z = omega^2/s, and H is D: the process of Lanczos. If
+they have different loss factors alone, H is A^T (1 + i eta) A, complex and symmetric, and vectors are orthogonal in the
+product x.y without conjugation. With different dashpots, H is that of velocities v = x' and deformations
+y = (1 + i eta)^1/2 A x, with which the equations of motion are of first order,
 
     (i omega + ((A^T tau A, A^T (1 + i eta)^1/2), (-(1 + i eta)^1/2 A, 0))) (v, y) = (M^-1/2 F, 0).
 
-This H is symmetric in the product v.v - y.y, which has either sign, so that the vectors are of square one or minus one (or,
-with loss factors, complex). A static force adds deformations of imaginary stiffness^1/2.
+Without losses this H is skew in the energy v.v + y.y, in which two vectors suffice for all to be orthogonal; with them the
+process is that of Arnoldi, incomplete (Y. Saad, Linear Algebra Appl. 34, 269 (1980)). It stays stable where one by the
+product v.v - y.y, in which H is symmetric, loses its digits to modes that are strongly damped. A static force adds
+deformations of imaginary stiffness^1/2.
 
 What is left has the norm of the next vector times the last coefficient. With g the least eta + omega tau of all contacts,
-|Z^-1| is at most one over the distance of omega^2 from all d (1 + i g'), d >= 0 and g' >= g, which bounds the error. Less
-damping takes more steps. They go on until they have cost as much as factors at the frequencies that are left.
+|Z^-1| is at most one over the distance of omega^2 from all d (1 + i g'), d >= 0 and g' >= g, which bounds the error. From
+g follows beforehand how many steps it takes (:func:`granphon.dynamics.damping.count_products`), and frequencies at which
+factors are less work are left to these.
 """
 
 from __future__ import annotations
@@ -37,15 +44,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.sparse_matrices import factorise
+from granphon.array.sparse_matrices import LARGEST_FACTORS, PRODUCT_TIME, choose_factors, factorise
 from granphon.base.errors import ConvergenceError, InputError, brief
 from granphon.base.results import Result
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
 from granphon.base.validation import finite_array, positive
-from granphon.dynamics.damping import ContactDamping
+from granphon.dynamics.damping import ContactDamping, count_products
 from granphon.networks.network import ContactNetwork
-from granphon.waves.modes import LARGEST_FACTORS, PIVOT
+from granphon.waves.modes import PIVOT
 from granphon.waves.operator import WaveOperator
 from granphon.waves.pulses import Course, read_balls, read_push, read_vector
 
@@ -58,16 +65,14 @@ QUANTITIES = {"displacement": "m/N", "velocity": "m/(N s)", "transmissibility": 
 METHODS = ("direct", "krylov")
 #: motions up to which factors are always taken, as they lose no digits
 _FEW = 2_000
-#: work of the factors at a frequency, in steps of Lanczos, for balls on a line, in a plane and in space: c n^p of n motions
-_FACTORS = {1: (30.0, 0.0), 2: (6.0, 0.5), 3: (0.6, 1.0)}
 #: bound of the error of a response, over the largest of its frequency, with which it counts as found
 TOLERANCE = 1e-9
 #: root of the square of a vector, in the product that has either sign, over its norm, up to which nothing follows from it
 _DEGENERATE = 1e-4
-#: steps after which Lanczos is looked at first, and growth of their number to the next time
-_FIRST, _GROWTH = 64, 1.15
-#: most steps where factors are too large
-_MOST = 100_000
+#: most products of a space; products that the vectors of the first ones are kept for
+_MOST, _FIRST = 100_000, 256
+#: what is left, over the source, at which a solution is looked at first, and least part of it at the next time
+_LOOK, _NEXT = 1e-3, 0.02
 #: norm of what is left in a step, over the largest, at which the space holds all that D makes of the source
 _COMPLETE = 1e-13
 #: solutions by the same factors, of which each mends the one before
@@ -75,7 +80,7 @@ _SOLUTIONS = 4
 #: error above which a response is told to be unsure, and part of all motions by which a solution is mended if it is none
 _UNSURE, _UNKNOWN = 1e-6, 1e-2
 #: part of the source that is left by Lanczos, from which on rounding is all that is left
-_ROUNDING = 1e-13
+_ROUNDING = 1e-16
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -345,7 +350,7 @@ class _Places:
 
 
 class _Space(NamedTuple):
-    """A matrix H that is symmetric in a product of two vectors, which has either sign, and (H - shift) x = start.
+    """A matrix H, the product in which its vectors become orthogonal, and (H - shift) x = start.
 
     ``scale`` (n_f,) times x is heard. The error of scale x is at most scale times ``bound`` (n_f,) times what is left.
     """
@@ -377,30 +382,29 @@ class _Problem:
 
     def solve(self, omega: Array, method: str | None, tolerance: float) -> tuple[Complex, Array, int, int]:
         """Return values and errors at ``omega`` (n_f,), rad/s, the number of factorisations, and of steps of Lanczos."""
-        operator, n = self.operator, self.operator.size
-        dimension, unfit = operator.network.dimension, self._explain_unfit()
+        n, dimension, unfit = self.operator.size, self.operator.network.dimension, self._explain_unfit()
         if unfit and method == "krylov":
             raise InputError("no Krylov space serves all frequencies", unfit, "Use the direct method")
         values, error = np.zeros((omega.size, len(self.heard)), complex), np.full(omega.size, np.inf)
         fits, steps = n <= LARGEST_FACTORS[dimension], 0
         if not unfit and method != "direct" and (n > _FEW or method == "krylov"):
-            factor, power = _FACTORS[dimension]
-            price = factor * n**power if fits and method is None else None
-            space = self._make_first_order(omega) if self.even is None else self._make_even(omega, self.even)
-            values, error, steps = self._follow_lanczos(space, price, tolerance)
+            products = self._count_products(omega, tolerance)
+            chosen, price = choose_factors(products, n, dimension)
+            if method == "krylov" or not fits:
+                chosen[:] = False
+                if np.max(products) > _MOST:
+                    raise self._explain_work(omega, products, tolerance)
+            some = np.flatnonzero(~chosen)
+            if some.size:
+                most = float(np.max(products[some])) if method is None and fits else math.inf
+                values[some], error[some], steps = self._follow(omega[some], most, tolerance)
             # what arrives deep in a gap is less than the rounding of a Krylov space; factors have all of its digits
             deep = np.flatnonzero(np.isfinite(error) & (error > max(_UNSURE, tolerance)))
-            if price is not None and deep.size * price <= _MOST:
+            if method is None and fits and deep.size * price <= _MOST:
                 error[deep] = np.inf
         left = np.flatnonzero(np.isinf(error))
         if left.size and (method == "krylov" or not fits):
-            hardest = write_quantity(float(omega[left[0]]) / (2.0 * math.pi), "Hz", 4)
-            space_of = f"a Krylov space of {counted(steps, 'step')}"
-            what = f"the response of {n:,} motions at {hardest} is not found by {space_of}"
-            why = unfit or (
-                "In a large network modes lie close together, and with little damping the response is that of each by itself"
-            )
-            raise ConvergenceError(what, why, "Give more damping to all contacts, or take a smaller network")
+            raise self._explain_work(omega[left], np.full(left.size, np.inf), tolerance, unfit)
         if left.size:
             values[left], error[left] = self._factorise(omega[left])
         return values, error, int(left.size), steps if left.size < omega.size else 0
@@ -422,41 +426,94 @@ class _Problem:
         """(2, rows) eta and tau, 1 and s, of the rows of A; zero of static forces."""
         return np.stack([self.operator.of_rows(one) for one in (self.damping.losses, self.damping.times)])
 
-    def _make_even(self, omega: Array, even: tuple[float, float]) -> _Space:
-        """Return D over top^2, whose shifts are those of all frequencies."""
-        operator, squared = self.operator, self.operator.top**2
-        scale = 1.0 + 1j * (even[0] + omega * even[1])
-        shifts = omega**2 / scale / squared
-        distance = np.hypot(shifts.imag, np.maximum(np.maximum(shifts.real - 1.0, -shifts.real), 0.0))
-        return _Space(
-            lambda x: (operator @ x) / squared, np.dot, self.drives[0], shifts,
-            (1.0 if self.moved else 1.0 / scale) / squared * np.ones(omega.size), _invert(distance),
+    def _count_products(self, omega: Array, tolerance: float) -> Array:
+        loss, time = np.min(self._of_rows[:, self.operator.of_rows() > 0.0], axis=1)
+        top, few, dimension = self.operator.top, self.operator.size, self.operator.network.dimension
+        return count_products(
+            omega / top, float(loss), float(time) * top, self.even is not None, (few, dimension), tolerance,
+            bool(np.any(self.damping.losses)), bool(np.any(self.damping.times)),
         )  # fmt: skip
+
+    def _explain_work(self, omega: Array, products: Array, tolerance: float, why: str = "") -> ConvergenceError:
+        """Tell what the response would take, and which loss factor would do."""
+        from granphon.media.cost import write_duration
+
+        operator = self.operator
+        n, dimension = operator.size, operator.network.dimension
+        one, hardest = n * PRODUCT_TIME[dimension], int(np.argmax(products))
+        at = write_quantity(float(omega[hardest]) / (2.0 * math.pi), "Hz", 4)
+        _, price = choose_factors(products, n, dimension)
+        what = f"the response of {n:,} motions at {at} is not found by a Krylov space"
+        if math.isfinite(products[hardest]):
+            what += f" of {_MOST:,} products: it takes {products[hardest]:.2g} of them, about "
+            what += write_duration(products[hardest] * one)
+        what += f"; factors at {counted(omega.size, 'frequency', 'frequencies')} take about "
+        what += write_duration(price * one * omega.size)
+        why = (
+            why
+            or "In a large network modes lie close together, and with little damping the response is that of each by itself"
+        )
+        for eta in (0.01, 0.02, 0.05, 0.1):
+            most = np.max(count_products(omega / operator.top, eta, 0.0, True, (n, dimension), tolerance, True, False))
+            if most <= _MOST:
+                mend = (
+                    f"Give more damping to all contacts: a loss_factor of {eta:g} takes about {write_duration(most * one)}"
+                )
+                return ConvergenceError(what, why, mend)
+        return ConvergenceError(what, why, "Leave out the lowest frequencies, or take a smaller network")
+
+    def _make_space(self, omega: Array) -> _Space:
+        if self.even is None:
+            return self._make_first_order(omega) if np.any(self.damping.times) else self._make_lossy(omega)
+        scale = 1.0 + 1j * (self.even[0] + omega * self.even[1])
+        shifts, top = omega**2 / scale, self.operator.top**2
+        distance = np.hypot(shifts.imag, np.maximum(np.maximum(shifts.real - top, -shifts.real), 0.0))
+        return _Space(
+            lambda x: self.operator @ x, np.dot, self.drives[0], shifts,
+            (1.0 if self.moved else 1.0 / scale) * np.ones(omega.size), _invert(distance),
+        )  # fmt: skip
+
+    def _make_lossy(self, omega: Array) -> _Space:
+        """Return D with loss factors that differ."""
+        losses, operator = self.damping.losses, self.operator
+        matrix, least = (operator.matrix + 1j * operator.weigh(losses)).tocsr(), self._find_least(omega)
+        distance = np.maximum(omega**2 * least / np.hypot(1.0, least), omega**2 - operator.top**2)
+        return _Space(
+            lambda x: matrix @ x, np.dot, self.drives[0] + 1j * self.drives[1], omega**2, np.ones(omega.size),
+            _invert(distance),
+        )  # fmt: skip
+
+    def _find_least(self, omega: Array) -> Array:
+        """Return the least eta + omega tau (n_f,) of all springs."""
+        losses, times = self._of_rows[:, self.operator.of_rows() > 0.0]
+        return np.asarray(np.min(losses + omega[:, None] * times, axis=1))
 
     def _make_first_order(self, omega: Array) -> _Space:
         """Return H of velocities and deformations, over the top frequency; static forces are further rows of A."""
         operator, n, (losses, times) = self.operator, self.operator.size, self._of_rows
-        root, w = operator.full_root / operator.top, omega / operator.top
-        back, stiff, viscous = root.T.tocsr(), operator.of_rows(), times * operator.top
+        w = omega / operator.top
+        stiff, viscous = operator.of_rows(), times * operator.top
         is_real = not np.any(losses) and np.all(stiff > 0.0)
         spring = np.ones(stiff.size) if is_real else np.sqrt(stiff + 1j * losses)
+        root: Any = (operator.full_root / operator.top).astype(spring.dtype)
+        back = root.T.tocsr()
 
         def apply(x: NDArray[Any]) -> NDArray[Any]:
             strain = root @ x[:n]
-            return np.concatenate([-(back @ (spring * x[n:] + viscous * strain)), spring * strain])
-
-        def product(x: NDArray[Any], y: NDArray[Any]) -> Any:
-            return np.dot(x[:n], y[:n]) - np.dot(x[n:], y[n:])
+            stress = x[n:] * spring
+            stress += viscous * strain
+            strain *= spring
+            return np.concatenate([-(back @ stress), strain])
 
         if self.moved:  # (H - i w) (v, y) = i omega (-A^T tau s, spring s) for walls that stretch contacts by s
             start = np.concatenate([-(back @ (viscous * self.stretched)), spring * self.stretched])
         else:
-            start = np.concatenate([self.drives[0], np.zeros(stiff.size)])
-        least = np.min((losses + omega[:, None] * times)[:, stiff > 0.0], axis=1)
+            start = np.concatenate([self.drives[0], np.zeros(stiff.size, spring.dtype)])
+        least = self._find_least(omega)
         distance = np.maximum(w**2 * least / np.hypot(1.0, least), w**2 - 1.0)
         scale = -1.0 / operator.top * (np.ones(w.size) if self.moved else _invert(1j * omega))
         reach = (w + float(np.max(np.abs(spring)))) * _invert(distance)
-        return _Space(apply, product, start, 1j * w, scale, np.where(w > 0.0, reach, np.inf))
+        return _Space(apply, np.vdot, start, 1j * w, scale, np.where(w > 0.0, reach, np.inf))
 
     def _listen(self, x: NDArray[Any]) -> NDArray[Any]:
         return np.asarray(np.sum(x[self.heard] * self.ears, axis=1))
@@ -498,62 +555,57 @@ class _Problem:
             values[row] = found
         return values, error
 
-    def _follow_lanczos(self, space: _Space, price: float | None, tolerance: float) -> tuple[Complex, Array, int]:
-        """Return values, errors (infinite of what is not found) and the number of steps.
-
-        It ends when these have cost as much as factors at the frequencies that are left, each at the ``price`` of so many
-        steps; without one after :data:`_MOST`.
-        """
+    def _follow(self, omega: Array, most: float, tolerance: float) -> tuple[Complex, Array, int]:
+        """Return values and errors (infinite of what is not found) by a Krylov space, and the number of its steps."""
         from scipy.linalg import solve_banded
+        from scipy.linalg.blas import daxpy, zaxpy
 
-        values, error = np.zeros((space.shifts.size, len(self.heard)), complex), np.zeros(space.shifts.size)
-        square = space.product(space.start, space.start)
+        space = self._make_space(omega)
+        values, error = np.zeros((omega.size, len(self.heard)), complex), np.zeros(omega.size)
         if not np.any(space.start):
             return values, error, 0
         error[:] = np.inf
-        size, loud = math.sqrt(abs(square)), float(np.max(np.linalg.norm(self.ears, axis=1)))
-        left, step, growth = np.flatnonzero(np.isfinite(space.bound)), 0, 1.0  # without damping no end is sure to come
-        # the square of each vector has the size one, and a sign; where it is far from the norm, rounding grows
-        before, current, across = np.zeros(1), space.start / size, 0.0
-        sign, last = square / abs(square), 1.0
-        below, diagonal, above, signals, check = list[float](), list[Any](), list[Any](), list[NDArray[Any]](), _FIRST
-        while left.size and step < (_MOST if price is None else price * left.size):
-            step += 1
-            signals.append(self._listen(current))
+        add: Any = zaxpy if np.iscomplexobj(space.start) else daxpy
+        size, loud = np.sqrt(space.product(space.start, space.start)), float(np.max(np.linalg.norm(self.ears, axis=1)))
+        before, current = np.zeros_like(space.start), space.start / size
+        # the matrix by its columns, above, on and below the diagonal; the signals; the last pivot and part of the solutions
+        bands, signals = np.zeros((3, _FIRST), complex), np.zeros((_FIRST, len(self.heard)), current.dtype)
+        pivot, part = np.ones(omega.size, complex), np.ones(omega.size)
+        left, look, below, largest, growth = np.isfinite(space.bound), np.full(omega.size, _LOOK), 1.0, 0.0, 1.0
+        for step in range(1, 1 + math.ceil(min(2.0 * most, _MOST))):
+            if step > len(signals):
+                bands, signals = np.pad(bands, ((0, 0), (0, step - 1))), np.pad(signals, ((0, step - 1), (0, 0)))
+            signals[step - 1] = self._listen(current)
             following = space.apply(current)
-            following -= (across * sign / last) * before
-            diagonal.append(space.product(current, following) / sign)
-            following -= diagonal[-1] * current
-            square = space.product(following, following)
-            across, length = math.sqrt(abs(square)), float(np.linalg.norm(following))
-            complete = length <= _COMPLETE * max(*below, length, abs(diagonal[0]))
-            below.append(across)
-            if not complete and across <= _DEGENERATE * length:
+            above = space.product(before, following)
+            following = add(before, following, a=-above)
+            own = space.product(current, following)
+            following = add(current, following, a=-own)
+            pivot = own - space.shifts - above * below / pivot
+            part *= np.abs(below / np.where(pivot == 0.0, np.finfo(float).tiny, pivot))
+            below, length = np.sqrt(space.product(following, following)), math.sqrt(np.vdot(following, following).real)
+            bands[:, step - 1] = above, own, below
+            largest = max(largest, length, abs(own))
+            complete = length <= _COMPLETE * largest
+            if not complete and abs(below) <= _DEGENERATE * length:
                 break
-            growth = max(growth, (length / across) ** 2 if across else 1.0)
-            last, sign = sign, square / abs(square) if across else sign
-            above.append(across * sign / last)
-            if step >= check or complete:
-                check = math.ceil(step * _GROWTH)
-                bands = np.zeros((3, step), complex)
-                bands[0, 1:], bands[2, :-1] = above[:-1], below[:-1]
-                start, sounds, unsolved = np.eye(1, step)[0], np.array(signals), []
-                for place in left:
-                    bands[1] = np.array(diagonal) - space.shifts[place]
-                    y = solve_banded((1, 1), bands, start, check_finite=False)
-                    found = size * space.scale[place] * (y @ sounds)
-                    rest = 0.0 if complete else size * length * abs(y[-1]) * space.bound[place]
-                    least = abs(space.scale[place]) * loud * rest
-                    values[place] = found
-                    error[place] = np.finfo(float).eps * step * growth + least / (
-                        float(np.max(np.abs(found))) or least or 1.0
-                    )
-                    if error[place] > tolerance and rest > _ROUNDING * size * growth:
-                        unsolved.append(place)
-                left = np.array(unsolved, int)
-            if complete:
+            growth = growth if complete else max(growth, (length / abs(below)) ** 2)
+            for place in np.flatnonzero(left & ((length * part <= look) | complete)):
+                matrix = bands[:, :step].copy()
+                matrix[1] -= space.shifts[place]
+                y = solve_banded((1, 1), matrix, np.eye(1, step)[0], check_finite=False)
+                values[place] = found = size * space.scale[place] * (y @ signals[:step])
+                rest = 0.0 if complete else abs(size) * length * float(part[place])
+                least = abs(space.scale[place]) * loud * rest * space.bound[place]
+                error[place] = np.finfo(float).eps * step * growth + least / (float(np.max(np.abs(found))) or least or 1.0)
+                # before anything is heard nothing is known
+                enough = _ROUNDING * abs(size) * growth if np.any(found) else 0.0
+                left[place] = not complete and error[place] > tolerance and rest > enough
+                look[place] = rest / abs(size) * max(0.5 * tolerance / error[place], _NEXT)
+            if complete or not np.any(left):
                 break
-            before, current = current, following / across
+            before, current = current, following
+            current /= below
         error[left] = np.inf
         return values, error, step
 
