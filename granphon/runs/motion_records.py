@@ -17,6 +17,8 @@ from scipy.spatial import cKDTree
 from granphon.array.sample import standard_error
 from granphon.base.errors import ConvergenceError, InputError, StoppedEarlyWarning
 from granphon.base.tables import Heading, table_text
+from granphon.media.crystal import CrystalState
+from granphon.media.state import NetworkStates
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.waves.motion import Motion
 from granphon.waves.nonlinear import Drive, NonlinearWaves
@@ -54,11 +56,14 @@ class PreparedMotion:
     """
 
     def __init__(self, x: Any, settings: MotionSettings) -> None:
-        law = getattr(getattr(getattr(x, "source", x), "crystal", None), "law", None)
+        state = x.source if isinstance(x, NetworkStates) else x
+        law = state.crystal.law if isinstance(state, CrystalState) else None
         mu = math.inf if settings.friction_coefficient is None else settings.friction_coefficient
         network = settings.shape(given_network(x))
         self.settings = settings
-        self.waves = NonlinearWaves(network, law, friction_coefficient=mu, damping=settings.damping)
+        self.waves = NonlinearWaves(
+            network, law, friction_coefficient=mu, damping=settings.damping, geometry=settings.geometry
+        )
         self.drives, self.velocities = list[Drive](), np.zeros((network.n_balls, 3))
         for one in settings.drive:
             balls = read_balls("balls of the drive", one.find_balls(network), network)
@@ -79,7 +84,9 @@ class PreparedMotion:
             # its frames would not be those of other loads and samples
             warnings.simplefilter("error", StoppedEarlyWarning)
             try:
-                return self.waves.run(of.duration, None, self.velocities, self.drives, frames=of.frames, step=of.step)
+                return self.waves.run(
+                    of.duration, None, self.velocities, self.drives, frames=of.frames, step=of.step, scheme=of.scheme
+                )
             except StoppedEarlyWarning as stopped:
                 if stopped.interrupted:
                     raise KeyboardInterrupt from None

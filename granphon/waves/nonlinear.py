@@ -24,6 +24,7 @@ import os
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -35,7 +36,7 @@ from granphon.balls.contact_laws import DMT, JKR, Hertz, PowerLaw, law_between
 from granphon.balls.hertz import HertzLaw
 from granphon.base.errors import InputError, StoppedEarlyWarning, brief
 from granphon.base.progress import Progress, silent
-from granphon.base.validation import not_negative, positive, real_array, whole_number
+from granphon.base.validation import choice, not_negative, positive, real_array, require, whole_number
 from granphon.dynamics.damping import ContactDamping
 from granphon.media.crystal import Crystal, CrystalState
 from granphon.networks.network import ContactNetwork, given_network
@@ -45,6 +46,7 @@ from granphon.waves.motion import Frames, Motion
 from granphon.waves.neighbours import find_neighbours, orient
 from granphon.waves.operator import WaveOperator
 from granphon.waves.pulses import read_balls, read_vector
+from granphon.waves.settings import GEOMETRIES, SCHEMES
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -115,9 +117,7 @@ class NonlinearWaves:
         state = x.touch() if isinstance(x, Crystal) else x
         self.network: ContactNetwork = given_network(state)
         self._state = state if isinstance(state, CrystalState) else None
-        if geometry not in ("lattice", "exact"):
-            raise InputError(f"geometry is {brief(geometry)}", mend='Give "lattice" or "exact"')
-        self.geometry, network = geometry, self.network
+        self.geometry, network = require("geometry", partial(choice, options=GEOMETRIES), geometry), self.network
         if network.prestress and geometry == "lattice":
             why = "Contacts keep their directions in this motion, and static forces would turn them"
             raise InputError("static forces act sideways in this network", why, 'Give geometry="exact"')
@@ -227,8 +227,7 @@ class NonlinearWaves:
         force on a body that is held, and a ``step`` too long for the stiffest contact.
         """
         length, count = positive("duration", duration, "s"), whole_number("frames", frames, 2)
-        if scheme not in ("verlet", "midpoint"):
-            raise InputError(f"scheme is {brief(scheme)}", mend='Give "verlet" or "midpoint"')
+        require("scheme", partial(choice, options=SCHEMES), scheme)
         if positions is not None:
             if displacements is not None:
                 raise InputError("positions and displacements are given", mend="Give one of both")
