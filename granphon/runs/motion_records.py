@@ -43,6 +43,14 @@ _BETWEEN, _STRAIGHT = (0.25, 0.75), 0.9
 # -- how it is made ---------------------------------------------------------------------------------------------------
 
 
+def make_waves(x: Any, network: ContactNetwork, settings: MotionSettings) -> NonlinearWaves:
+    """Return the balls of a ``network``, made of the state, sample or network ``x``, with the law of its contacts."""
+    state = x.source if isinstance(x, NetworkStates) else x
+    law = state.crystal.law if isinstance(state, CrystalState) else None
+    mu = math.inf if settings.friction_coefficient is None else settings.friction_coefficient
+    return NonlinearWaves(network, law, friction_coefficient=mu, damping=settings.damping, geometry=settings.geometry)
+
+
 class PreparedMotion:
     """The balls of a state, or of a network, that move, and what drives them.
 
@@ -56,14 +64,9 @@ class PreparedMotion:
     """
 
     def __init__(self, x: Any, settings: MotionSettings) -> None:
-        state = x.source if isinstance(x, NetworkStates) else x
-        law = state.crystal.law if isinstance(state, CrystalState) else None
-        mu = math.inf if settings.friction_coefficient is None else settings.friction_coefficient
         network = settings.shape(given_network(x))
         self.settings = settings
-        self.waves = NonlinearWaves(
-            network, law, friction_coefficient=mu, damping=settings.damping, geometry=settings.geometry
-        )
+        self.waves = make_waves(x, network, settings)
         self.drives, self.velocities = list[Drive](), np.zeros((network.n_balls, 3))
         for one in settings.drive:
             balls = read_balls("balls of the drive", one.find_balls(network), network)

@@ -239,7 +239,7 @@ class NonlinearWaves:
             ("displacements", displacements), ("velocities", velocities), ("rotations", rotations), ("spins", spins)
         )]  # fmt: skip
         x, v = start[0] + start[2], start[1] + start[3]
-        stable = system.choose_step(x, v)
+        stable = system.choose_step(x, 0.5 * float(np.max(np.sum(system.operator.values(v) ** 2, axis=1), initial=0.0)))
         wanted = stable if step is None else positive("step", step, "s")
         if wanted * _LEAST_STEPS > _STEPS * stable:
             what = f"the step of {wanted:.3g} s is too long for the stiffest contact"
@@ -271,6 +271,11 @@ class NonlinearWaves:
                 early.interrupted = stopped == _CTRL_C
                 warnings.warn(early, stacklevel=2)
             return kept.join()
+
+    def find_step(self, speed: float = 0.0) -> float:
+        """Return the step, s, of a run from rest, or in which the heaviest ball has a ``speed``, m/s."""
+        system, masses = _System(self, []), self.network.masses[self.network.moving]
+        return system.choose_step(np.zeros(system.operator.size), 0.5 * float(np.max(masses)) * speed**2)
 
     def _require_shape(self, name: str, values: Array) -> None:
         n, d = self.network.n_balls, self.network.dimension
@@ -376,10 +381,9 @@ class _System:
         out[:, columns] = values[operator.balls][:, list(axes)] * weight
         return np.asarray(operator.vector(out))
 
-    def choose_step(self, x: Array, v: Array) -> float:
-        """Return a step for the contacts at the start, and for those that the fastest ball would press by its own energy."""
+    def choose_step(self, x: Array, energy: float) -> float:
+        """Return a step for the contacts at the start, and for those that a ball of this kinetic energy, J, would press."""
         normal = self.waves.normal
-        energy = 0.5 * float(np.max(np.sum(self.operator.values(v) ** 2, axis=1), initial=0.0))
         e = self.fixed.at(x, np.zeros(len(self.moved)))[0]
         size = float(np.mean(self.network.radii[self.network.moving]))
         # the first of the depths 1e-12 size 1.25^number that takes the energy, by bisection

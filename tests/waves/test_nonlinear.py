@@ -284,6 +284,14 @@ def test_a_ball_that_flies_off_and_a_step_too_long():
         waves.run(1e-3, velocities=push(waves.network, 1.0), step=1e-5, frames=11)
 
 
+@pytest.mark.parametrize("speed", [0.0, 1.0])
+def test_the_step_of_a_run_is_known_before(speed):
+    waves = gp.NonlinearWaves(line(10.0, 4))
+    motion = waves.run(1e-4, velocities=push(waves.network, speed), frames=2)
+    assert_allclose(motion.step, 1e-4 / math.ceil(1e-4 / waves.find_step(speed)), rtol=1e-12)
+    assert waves.find_step(1.0) < waves.find_step()
+
+
 def interrupt(time):
     """A force that the user stops."""
     if time > 5e-5:
