@@ -394,6 +394,19 @@ def file_names(path: Path) -> list[str]:
     return [path.name, path.with_suffix(".csv").name]
 
 
+def netcdf_bytes(dataset: Dataset) -> bytes:
+    """Return the bytes of a netCDF file of the data set, made in memory because HDF5 does not survive a full disk."""
+    with needing("A netCDF file"):
+        from h5netcdf import File  # type: ignore[import-untyped]
+        from xarray.backends import H5NetCDFStore
+
+    stream = io.BytesIO()
+    with File(stream, "w") as file:
+        # without this, xarray declares nan to be the mark of missing values
+        dataset.dump_to_store(H5NetCDFStore(file), encoding={name: {"_FillValue": None} for name in dataset.variables})
+    return stream.getvalue()
+
+
 def open_bytes(data: bytes) -> Dataset:
     """Read the data set of a netCDF file that is given as bytes into memory.
 
@@ -429,15 +442,7 @@ def write_sweep(dataset: Dataset, path: Path) -> None:
     found before HDF5 reads the file.
     """
     marked = dataset.assign_attrs({DIGEST: _digest_numbers(dataset)})
-    with needing("A netCDF file"):
-        from h5netcdf import File  # type: ignore[import-untyped]
-        from xarray.backends import H5NetCDFStore
-
-    made = io.BytesIO()  # in memory, because HDF5 does not survive a full disk
-    with File(made, "w") as file:
-        # without this, xarray declares nan to be the mark of missing values
-        marked.dump_to_store(H5NetCDFStore(file), encoding={name: {"_FillValue": None} for name in marked.variables})
-    data = made.getvalue()
+    data = netcdf_bytes(marked)
     path.write_bytes(data)
     with path.open("ab") as stream:
         stream.write(_TRAILER + hashlib.sha256(data).hexdigest().encode())

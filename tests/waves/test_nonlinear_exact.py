@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 
 import numpy as np
@@ -164,16 +163,14 @@ def test_balls_stick_or_part(law):
     one = law.between(BALL, BALL)
     rest = float(one.overlap(0.0))
     well = float(one.energy(one.least_overlap)) - float(one.energy(rest))
-    for (share, parts), (scheme, error) in itertools.product(
-        [(0.9, False), (1.5, True)], [("verlet", 5e-4), ("midpoint", 1e-10)]
-    ):
+    for share, scheme, error in ((0.9, "verlet", 0.0), (1.5, "verlet", 5e-4), (1.5, "midpoint", 1e-10)):
         speed = math.sqrt(2.0 * share * well / (0.5 * MASS))
         waves = gp.NonlinearWaves(pair)
         assert_allclose(waves.overlap, rest)
         motion = waves.run(3e-4, velocities=[[-0.5 * speed], [0.5 * speed]], frames=31, step=4e-8, scheme=scheme)
         apart = motion.displacements[-1, 1, 0] - motion.displacements[-1, 0, 0]
-        assert (apart - rest > -one.least_overlap) == parts
-        if parts:
+        assert (apart - rest > -one.least_overlap) == bool(error)
+        if error:
             closing = motion.velocities[-1, 1, 0] - motion.velocities[-1, 0, 0]
             assert_allclose(closing, speed * math.sqrt(1.0 - 1.0 / share), rtol=error)
 
