@@ -240,8 +240,9 @@ class NonlinearWaves:
             ("displacements", displacements), ("velocities", velocities), ("rotations", rotations), ("spins", spins)
         )]  # fmt: skip
         x, v = start[0] + start[2], start[1] + start[3]
-        wanted = system.choose_step(x, v) if step is None else positive("step", step, "s")
-        if step is not None and wanted * _LEAST_STEPS > _STEPS * system.choose_step(x, v):
+        stable = system.choose_step(x, v)
+        wanted = stable if step is None else positive("step", step, "s")
+        if wanted * _LEAST_STEPS > _STEPS * stable:
             what = f"the step of {wanted:.3g} s is too long for the stiffest contact"
             raise InputError(what, "It would not be stable", "Leave step out")
         least = wanted * 2.0**-_HALVINGS
@@ -310,7 +311,7 @@ class _System:
                 self.moved.append((balls, along))
             else:
                 pushed.append((balls, along))
-        self.network = replace(network, masses=masses)
+        self.network = replace(network, masses=masses) if self.moved else network
         self.operator = operator = WaveOperator(self.network)
         self.fixed = FixedDirections(operator, self.moved)
         self._ways = [one.displacement for one in drives if one.displacement is not None]
@@ -382,13 +383,14 @@ class _System:
         energy = 0.5 * float(np.max(np.sum(self.operator.values(v) ** 2, axis=1), initial=0.0))
         e = self.fixed.at(x, np.zeros(len(self.moved)))[0]
         size = float(np.mean(self.network.radii[self.network.moving]))
-        deep = np.full(len(e), 1e-12 * size)
-        if energy > 0.0:
-            for _ in range(200):
-                short = normal.store(-deep) + normal.rest * deep < energy
-                if not np.any(short):
-                    break
-                deep[short] *= 1.25
+        # the first of the depths 1e-12 size 1.25^number that takes the energy, by bisection
+        low, high = np.zeros(len(e)), np.full(len(e), 200.0 if energy > 0.0 else 0.0)
+        while np.any(low < high):
+            middle = np.floor(0.5 * (low + high))
+            deep = 1e-12 * size * 1.25**middle
+            short = normal.store(-deep) + normal.rest * deep < energy
+            low, high = np.where(short, middle + 1.0, low), np.where(short, high, middle)
+        deep = 1e-12 * size * 1.25**low
         _, stiffness = normal.press(np.minimum(-deep, e))
         if np.any(self.waves.gravity):  # what a ball of this network falls by its own size presses
             stiffness = np.maximum(stiffness, self.network.normal_stiffness)
@@ -518,10 +520,10 @@ class _System:
                 worked[2] += float(0.5 * (lifts + new_lifts) @ (self._push @ moved_x))
             ways, lifts = new_ways, new_lifts
             if number % each == 0:
+                if not (self.fixed.top(touch.k) ** 2 <= limit and np.all(np.isfinite(v))):
+                    raise _Stop(_TOO_LONG)
                 keep(number)
                 yield True
-                if self.fixed.top(touch.k) ** 2 > limit or not np.all(np.isfinite(v)):
-                    raise _Stop(_TOO_LONG)
                 if self.waves.geometry == "lattice":
                     away = float(np.max(np.abs(self._to_balls(x, False)), initial=0.0))
                     if not away < _AWAY * 2.0 * float(np.mean(self.network.radii[self.network.moving])):

@@ -186,7 +186,12 @@ def test_a_file_of_a_motion_grows_with_contacts_and_frames(tmp_path):
     path = tmp_path / "motion.nc"
     kept, streamed = (waves.run(0.02 * D / 2.0, **start, frames=61, file=where) for where in (None, path))
     assert streamed == kept
+    assert isinstance(streamed.forces, np.memmap)  # it stays in the file, which may be larger than the memory
+    assert not isinstance(kept.forces, np.memmap)
     assert kept.forces.shape[1] == 3
+    for motion in (kept, streamed):
+        motion.write(tmp_path / "again.nc")
+        assert gp.Motion.read(tmp_path / "again.nc") == kept
     part = gp.Motion.read(path, frames=slice(10, 40, 3))
     assert_allclose(part.velocities, kept.velocities[10:40:3])
     # a record that is not whole does not count
