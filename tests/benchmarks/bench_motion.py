@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from side_by_side import Part, Row, alternate, over, run_alone, spend
 
-#: balls on a side of the arrays that LAMMPS takes too, and of the largest one; steps
-SIDES, LARGE, STEPS, MANY = (32, 200), 1000, 200, 1000
+#: steps of arrays that LAMMPS takes too, by the balls on a side; balls on a side of the largest one, and its steps
+SIDES, LARGE, MANY = {32: 2000, 200: 100}, 1000, 1000
 OVERLAP, MU, D = 1e-5, 0.3, 8e-3
 
 
@@ -58,7 +58,7 @@ def in_lammps(waves: Any, velocities: Any, step: float, steel: Any) -> Any:
 def motion(repeats: int) -> list[Row]:
     """Steps against LAMMPS's on one core, in turns."""
     found = []
-    for side in SIDES:
+    for side, steps in SIDES.items():
         waves, velocities, step, steel = array(side)
         try:
             lmp = in_lammps(waves, velocities, step, steel)
@@ -66,9 +66,9 @@ def motion(repeats: int) -> list[Row]:
             print("LAMMPS cannot be loaded: motion is not compared", file=sys.stderr)
             break
         exact = type(waves)(waves.network, friction_coefficient=MU, geometry="exact")
-        ours, true = (partial(one.run, STEPS * step, velocities=velocities, frames=2, step=step) for one in (waves, exact))
-        seconds = alternate(repeats, ours=ours, true=true, lammps=partial(lmp.command, f"run {STEPS} post no"))
-        what = f"{STEPS} steps of {side}x{side} balls with rotations and friction"
+        ours, true = (partial(one.run, steps * step, velocities=velocities, frames=2, step=step) for one in (waves, exact))
+        seconds = alternate(repeats, ours=ours, true=true, lammps=partial(lmp.command, f"run {steps} post no"))
+        what = f"{steps} steps of {side}x{side} balls with rotations and friction"
         found.append(over(f"{what}: over LAMMPS's pair granular, one core", seconds, "ours", "lammps", 1.0))
         found.append(over(f"{what}, in true directions: over the same", seconds, "true", "lammps", 4.0))
     return found
