@@ -32,7 +32,7 @@ _LEAST_SQUARE, _NO_SQUARE = 1e-7, 1e-12
 #: distance of the shift of Lanczos from zero, and error of eigenvalues that tells that one is missing, over the largest
 _SHIFT, _MISSED = 1e-8, 1e-11
 #: memory of one wave vector over the square of the number of branches, bytes: D, LAPACK's copy and its work
-_BYTES = 48.0
+_BYTES = 36.0
 #: most eigenvalues that are found again
 _MOST = 100
 #: relative distance of frequencies up to which they are degenerate

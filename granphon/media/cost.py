@@ -111,7 +111,7 @@ _SMALL_SHAPE = (96, 96)
 _SMALL_SPACING, _SMALL_FORCE = 1.0, 0.3678
 #: size of the small matrix; time of eigenvectors and velocities over that of eigenvalues; and bytes over the square of the
 #: number of branches while values, and vectors, of one wave vector are found
-_SMALL_MATRIX, _VECTORS_TIME, _VALUES_BYTES, _VECTORS_BYTES = 500, 5.0, 48.0, 200.0
+_SMALL_MATRIX, _VECTORS_TIME, _VALUES_BYTES, _VECTORS_BYTES = 500, 5.0, 36.0, 200.0
 #: memory of a cluster medium, bytes
 _CLUSTER_BYTES = 2e8
 #: time of a cluster medium, s, and what each of its balls adds, s
@@ -348,10 +348,11 @@ def _measure_time_per_ball() -> float:
 def _measure_eigenvalues() -> float:
     """Measure the time of the eigenvalues of a complex matrix over the cube of its size, on this machine, s."""
     n, times = _SMALL_MATRIX, []
-    phases = np.exp(1j * np.outer(np.arange(n), np.arange(n)) ** 1.5)
+    real, imaginary = np.random.default_rng(0).normal(size=(2, n, n))
+    matrix = real + real.T + 1j * (imaginary - imaginary.T)
     for _ in range(3):
         start = process_time()
-        np.linalg.eigvalsh(phases + phases.conj().T)
+        np.linalg.eigvalsh(matrix)
         times.append(process_time() - start)
     return min(times) / n**3
 
@@ -367,9 +368,9 @@ def bands(points: int, branches: int, eigenvectors: bool = True, file: bool = Tr
     eigenvalues take the most, which go as its cube; their time is that of a small matrix on this machine.
     """
     square, cube = branches * branches, float(branches) ** 3
-    what = f"{'bands' if eigenvectors else 'frequencies'} at {points:,} wave vectors"
+    what = f"{'bands' if eigenvectors else 'frequencies'} at {points:,} wave vector{'s' * (points != 1)}"
     kept = points * (2000.0 + (295.0 if file else 32.0) * square if eigenvectors else 50.0 * branches)
-    known = 1e-6 * points * (110.0 + (12.0 if file else 0.5) * square if eigenvectors else 110.0 + 0.3 * square)
+    known = 1e-6 * points * (110.0 + (12.0 if file else 0.5) * square if eigenvectors else 110.0 + 0.07 * square)
     working = 0.0
     if branches > MANY_COLUMNS:
         known += points * cube * _measure_eigenvalues() * (_VECTORS_TIME if eigenvectors else 1.0)

@@ -300,7 +300,7 @@ def test_costs_add_up_to_one_after_the_other():
 
 
 def test_bands_of_a_large_cell_go_as_the_cube_of_its_branches_and_take_few_matrices_at_a_time():
-    """The memory is that which arrays of a cell of 363 branches take at most, within a factor of two."""
+    """The memory is that which arrays of a cell of 363 branches take, and LAPACK's copy of the matrix, which is not counted."""
     few, many = (cost.bands(60, branches, eigenvectors=False) for branches in (1000, 3000))
     assert 15.0 < many.known / few.known < 30.0
     assert many.memory < 1e9 < cost.bands(60, 3000).memory
@@ -313,4 +313,4 @@ def test_bands_of_a_large_cell_go_as_the_cube_of_its_branches_and_take_few_matri
     tracemalloc.stop()
     found = ph.estimate(1, eigenvectors=False)
     assert "363 branches" in found.text
-    assert 0.5 < (found.working + found.kept) / peak < 2.0
+    assert 1.0 < (found.working + found.kept) / peak < 3.0
