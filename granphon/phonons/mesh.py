@@ -53,10 +53,7 @@ class ZoneMesh(NamedTuple):
         if group is not None and not np.any(group[:, count[:, None] != count]):
             given = np.unique(np.concatenate([group, -group]), axis=0)
         addresses = np.stack(np.unravel_index(np.arange(count.prod()), numbers, order="F"))  # (p, n)
-        images = (
-            np.ravel_multi_index(tuple(one.T @ addresses % count[:, None]), numbers, order="F")
-            for one in given
-        )
+        images = (np.ravel_multi_index(tuple(one.T @ addresses % count[:, None]), numbers, order="F") for one in given)
         points, left, weights = np.unique(reduce(np.minimum, images), return_inverse=True, return_counts=True)
         centred = addresses[:, points] - count[:, None] * (2 * addresses[:, points] > count[:, None])
         return cls(numbers, left, (centred / count[:, None]).T, weights)
