@@ -276,6 +276,10 @@ class LoadedCrystal(NetworkStates):
         self.packing, self.finite_overlap = packing, source.finite_overlap
         self.name = packing.structure.name
 
+    def __getitem__(self, index: Any) -> LoadedCrystal:
+        """Select some of the loads, by an index as for arrays."""
+        return type(self)(self.packing, self.source[index])
+
     @property
     def is_held(self) -> bool:
         """Whether a floor or clamp holds balls."""

@@ -44,7 +44,8 @@ class FixedDirections:
         self._back = self._forward.T.tocsr()
         signs = np.where(np.arange(self.count * n) < n, 1.0, -1.0)
         self._back.data *= signs[self._back.indices]
-        self._reach = abs(self._back)
+        # one of the same structure
+        self._reach = type(self._back)((abs(self._back.data), self._back.indices, self._back.indptr), self._back.shape)
         # what a unit way of driven balls adds to the deformations
         self._strain = np.zeros((len(moved), self.count * n))
         for number, (balls, along) in enumerate(moved):

@@ -24,6 +24,7 @@ import os
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -35,7 +36,7 @@ from granphon.balls.contact_laws import DMT, JKR, Hertz, PowerLaw, law_between
 from granphon.balls.hertz import HertzLaw
 from granphon.base.errors import InputError, StoppedEarlyWarning, brief
 from granphon.base.progress import Progress, silent
-from granphon.base.validation import not_negative, positive, real_array, whole_number
+from granphon.base.validation import choice, not_negative, positive, real_array, require, whole_number
 from granphon.dynamics.damping import ContactDamping
 from granphon.media.crystal import Crystal, CrystalState
 from granphon.networks.network import ContactNetwork, given_network
@@ -45,6 +46,7 @@ from granphon.waves.motion import Frames, Motion
 from granphon.waves.neighbours import find_neighbours, orient
 from granphon.waves.operator import WaveOperator
 from granphon.waves.pulses import read_balls, read_vector
+from granphon.waves.settings import GEOMETRIES, SCHEMES
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -115,9 +117,7 @@ class NonlinearWaves:
         state = x.touch() if isinstance(x, Crystal) else x
         self.network: ContactNetwork = given_network(state)
         self._state = state if isinstance(state, CrystalState) else None
-        if geometry not in ("lattice", "exact"):
-            raise InputError(f"geometry is {brief(geometry)}", mend='Give "lattice" or "exact"')
-        self.geometry, network = geometry, self.network
+        self.geometry, network = require("geometry", partial(choice, options=GEOMETRIES), geometry), self.network
         if network.prestress and geometry == "lattice":
             why = "Contacts keep their directions in this motion, and static forces would turn them"
             raise InputError("static forces act sideways in this network", why, 'Give geometry="exact"')
@@ -227,8 +227,7 @@ class NonlinearWaves:
         force on a body that is held, and a ``step`` too long for the stiffest contact.
         """
         length, count = positive("duration", duration, "s"), whole_number("frames", frames, 2)
-        if scheme not in ("verlet", "midpoint"):
-            raise InputError(f"scheme is {brief(scheme)}", mend='Give "verlet" or "midpoint"')
+        require("scheme", partial(choice, options=SCHEMES), scheme)
         if positions is not None:
             if displacements is not None:
                 raise InputError("positions and displacements are given", mend="Give one of both")
@@ -240,8 +239,9 @@ class NonlinearWaves:
             ("displacements", displacements), ("velocities", velocities), ("rotations", rotations), ("spins", spins)
         )]  # fmt: skip
         x, v = start[0] + start[2], start[1] + start[3]
-        wanted = system.choose_step(x, v) if step is None else positive("step", step, "s")
-        if step is not None and wanted * _LEAST_STEPS > _STEPS * system.choose_step(x, v):
+        stable = system.choose_step(x, 0.5 * float(np.max(np.sum(system.operator.values(v) ** 2, axis=1), initial=0.0)))
+        wanted = stable if step is None else positive("step", step, "s")
+        if wanted * _LEAST_STEPS > _STEPS * stable:
             what = f"the step of {wanted:.3g} s is too long for the stiffest contact"
             raise InputError(what, "It would not be stable", "Leave step out")
         least = wanted * 2.0**-_HALVINGS
@@ -271,6 +271,11 @@ class NonlinearWaves:
                 early.interrupted = stopped == _CTRL_C
                 warnings.warn(early, stacklevel=2)
             return kept.join()
+
+    def find_step(self, speed: float = 0.0) -> float:
+        """Return the step, s, of a run from rest, or in which the heaviest ball has a ``speed``, m/s."""
+        system, masses = _System(self, []), self.network.masses[self.network.moving]
+        return system.choose_step(np.zeros(system.operator.size), 0.5 * float(np.max(masses)) * speed**2)
 
     def _require_shape(self, name: str, values: Array) -> None:
         n, d = self.network.n_balls, self.network.dimension
@@ -310,7 +315,7 @@ class _System:
                 self.moved.append((balls, along))
             else:
                 pushed.append((balls, along))
-        self.network = replace(network, masses=masses)
+        self.network = replace(network, masses=masses) if self.moved else network
         self.operator = operator = WaveOperator(self.network)
         self.fixed = FixedDirections(operator, self.moved)
         self._ways = [one.displacement for one in drives if one.displacement is not None]
@@ -376,19 +381,19 @@ class _System:
         out[:, columns] = values[operator.balls][:, list(axes)] * weight
         return np.asarray(operator.vector(out))
 
-    def choose_step(self, x: Array, v: Array) -> float:
-        """Return a step for the contacts at the start, and for those that the fastest ball would press by its own energy."""
+    def choose_step(self, x: Array, energy: float) -> float:
+        """Return a step for the contacts at the start, and for those that a ball of this kinetic energy, J, would press."""
         normal = self.waves.normal
-        energy = 0.5 * float(np.max(np.sum(self.operator.values(v) ** 2, axis=1), initial=0.0))
         e = self.fixed.at(x, np.zeros(len(self.moved)))[0]
         size = float(np.mean(self.network.radii[self.network.moving]))
-        deep = np.full(len(e), 1e-12 * size)
-        if energy > 0.0:
-            for _ in range(200):
-                short = normal.store(-deep) + normal.rest * deep < energy
-                if not np.any(short):
-                    break
-                deep[short] *= 1.25
+        # the first of the depths 1e-12 size 1.25^number that takes the energy, by bisection
+        low, high = np.zeros(len(e)), np.full(len(e), 200.0 if energy > 0.0 else 0.0)
+        while np.any(low < high):
+            middle = np.floor(0.5 * (low + high))
+            deep = 1e-12 * size * 1.25**middle
+            short = normal.store(-deep) + normal.rest * deep < energy
+            low, high = np.where(short, middle + 1.0, low), np.where(short, high, middle)
+        deep = 1e-12 * size * 1.25**low
         _, stiffness = normal.press(np.minimum(-deep, e))
         if np.any(self.waves.gravity):  # what a ball of this network falls by its own size presses
             stiffness = np.maximum(stiffness, self.network.normal_stiffness)
@@ -518,10 +523,10 @@ class _System:
                 worked[2] += float(0.5 * (lifts + new_lifts) @ (self._push @ moved_x))
             ways, lifts = new_ways, new_lifts
             if number % each == 0:
+                if not (self.fixed.top(touch.k) ** 2 <= limit and np.all(np.isfinite(v))):
+                    raise _Stop(_TOO_LONG)
                 keep(number)
                 yield True
-                if self.fixed.top(touch.k) ** 2 > limit or not np.all(np.isfinite(v)):
-                    raise _Stop(_TOO_LONG)
                 if self.waves.geometry == "lattice":
                     away = float(np.max(np.abs(self._to_balls(x, False)), initial=0.0))
                     if not away < _AWAY * 2.0 * float(np.mean(self.network.radii[self.network.moving])):

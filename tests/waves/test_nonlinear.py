@@ -284,6 +284,14 @@ def test_a_ball_that_flies_off_and_a_step_too_long():
         waves.run(1e-3, velocities=push(waves.network, 1.0), step=1e-5, frames=11)
 
 
+@pytest.mark.parametrize("speed", [0.0, 1.0])
+def test_the_step_of_a_run_is_known_before(speed):
+    waves = gp.NonlinearWaves(line(10.0, 4))
+    motion = waves.run(1e-4, velocities=push(waves.network, speed), frames=2)
+    assert_allclose(motion.step, 1e-4 / math.ceil(1e-4 / waves.find_step(speed)), rtol=1e-12)
+    assert waves.find_step(1.0) < waves.find_step()
+
+
 def interrupt(time):
     """A force that the user stops."""
     if time > 5e-5:
@@ -333,7 +341,7 @@ gp.NonlinearWaves(line(10.0, 4)).run(1e-4, drive=gp.Drive(0, (1, 0, 0), force=fo
         ({"drive": gp.Drive(9, (1, 0, 0), force=lambda time: 1.0)}, "Balls have the indices"),
         ({"drive": gp.Drive(0, (1, 0, 0), displacement=lambda time: 1e-6)}, "begin at zero"),
         ({"drive": gp.Drive(0, (0, 0, 0), force=lambda time: 1.0)}, "direction"), ({"step": -1.0}, "step"),
-        ({"positions": np.zeros((3, 3))}, "positions has the shape"), ({"scheme": "euler"}, "scheme is"),
+        ({"positions": np.zeros((3, 3))}, "positions has the shape"), ({"scheme": "euler"}, "verlet, midpoint"),
         ({"positions": np.zeros((4, 3)), "displacements": np.zeros((4, 3))}, "positions and displacements"),
     ],
 )  # fmt: skip
@@ -351,7 +359,7 @@ def test_what_has_no_overlap_is_refused():
         gp.NonlinearWaves(replace(network, prestress=True))
     with pytest.raises(InputError, match="law is"):
         gp.NonlinearWaves(network, law=gp.JKR(0.1))
-    with pytest.raises(InputError, match="geometry is"):
+    with pytest.raises(InputError, match="lattice, exact"):
         gp.NonlinearWaves(network, geometry="true")
     with pytest.raises(InputError, match="gravity is"):
         gp.NonlinearWaves(network, gravity=(0, 1))
