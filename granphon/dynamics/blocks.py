@@ -45,7 +45,7 @@ _ROUNDING = 32.0 * float(np.finfo(np.float64).eps)
 #: relative error up to which the rotation of two balls about their middle leaves their contact undeformed
 _RIGID = 1e-12
 #: wave vectors, 1/d, without symmetry, at which the rank of C(q) is found
-_GENERIC = np.array(
+GENERIC = np.array(
     [[0.7390851, -1.2020569, 0.4669201], [1.9021605, 0.5772157, -0.9159656], [-0.2614972, 1.3247180, 2.5029079]]
 )
 
@@ -130,7 +130,7 @@ class Block:
     def rank(self) -> int:
         """Generic rank of C(q): the number of its branches that do not vanish at every wave vector."""
         found = 0
-        for q in _GENERIC[:, None, : self.deforming.half.shape[1]]:
+        for q in GENERIC[:, None, : self.deforming.half.shape[1]]:
             rows = np.concatenate([waves.compute_rows(q)[0] for waves in self._kinds])
             if found < min(rows.shape):
                 found = max(found, find_rank(rows))
@@ -162,24 +162,6 @@ class Block:
         values, right = self._decompose(point)
         return values, self._turn_back(point, right)
 
-    def find_frequencies(self, q: Array) -> Array:
-        """Find frequencies (n_q, n) alone, ascending."""
-        if self.size <= MANY_COLUMNS:
-            return self.solve(q)[0]
-        _, values, _, trusted = self._solve_plainly(q, False)
-        if not np.all(trusted):
-            values[~trusted] = self._decompose(self._compute(q[~trusted]))[0]
-        return values
-
-    def _solve_plainly(self, q: Array, vectors: bool) -> tuple[_Point, Array, NDArray[Any], NDArray[np.bool_]]:
-        """Return frequencies, and eigenvectors if wanted, of D(q) in the plain frame, and where that loses no digits.
-
-        The tilted frame keeps digits near Gamma, where these are not trusted.
-        """
-        across = None if self.pushing is None else self.pushing.compute_rows(q)
-        point = _Point(q, self.deforming.compute_rows(q), across)
-        return point, *well_conditioned(self._make_matrix(point.rows, across), self.free, vectors)
-
     def _turn_back(self, point: _Point, right: NDArray[Any]) -> NDArray[Any]:
         """Return vectors in terms of the motions of the frame."""
         moved = right if point.basis is None else point.basis @ right
@@ -193,7 +175,10 @@ class Block:
             return values, right, velocities
         trusted = np.zeros(1, bool)
         if self.size > MANY_COLUMNS:
-            point, values, right, trusted = self._solve_plainly(q, True)
+            # in the plain frame; the tilted one keeps digits near Gamma, where this is not trusted
+            across = None if self.pushing is None else self.pushing.compute_rows(q)
+            point = _Point(q, self.deforming.compute_rows(q), across)
+            values, right, trusted = well_conditioned(self._make_matrix(point.rows, across), self.free)
         if not np.all(trusted):
             point = self._compute(q)
             values, right = self._decompose(point)

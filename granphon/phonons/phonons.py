@@ -20,6 +20,8 @@ from granphon.base.validation import grid_numbers, is_one_of, positive, real_arr
 from granphon.dynamics.compatibility import MOST_BYTES
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.damping import ContactDamping, DampedModes, damp_evenly, damp_unevenly
+from granphon.media import cost as costs
+from granphon.media.cost import Cost
 from granphon.media.state import State, as_state, given_state
 from granphon.networks.network import given_network
 from granphon.observables.validity import find_warnings
@@ -287,7 +289,7 @@ class Phonons:
 
     def bands(
         self, path: str | ArrayLike | Sequence[ArrayLike] | None = None, npoints: int = 101,
-        labels: Sequence[str] | None = None,
+        labels: Sequence[str] | None = None, eigenvectors: bool = True,
     ) -> Bands:  # fmt: skip
         """Return the band structure along a path.
 
@@ -298,6 +300,8 @@ class Phonons:
             hexagonal cell, GXMG on a square one, GXWKGL in fcc; GX of atoms that repeat along one axis.
         npoints : points in each segment, both ends counted.
         labels : names of the corners; by default the letters, or the coordinates.
+        eigenvectors : whether to find eigenvectors and group velocities, from which colours and characters follow. In a
+            large cell frequencies alone take a fifth of the time and next to no memory, see :meth:`estimate`.
         """
         letters = self.special_points if path is None or isinstance(path, str) else {}
         way = default_letters(self._lattice_vectors, self._repeats.tolist()) if path is None else path
@@ -311,18 +315,32 @@ class Phonons:
         along[p - 1 :: p] *= -1.0  # at the last point of a segment the limit is taken from inside the segment
         b, d = self.lattice.n_branches, self._periods
         size = 16 * q.size // d * b * b
-        if size > MOST_BYTES:
+        if eigenvectors and size > MOST_BYTES:
             what = f"{b} eigenvectors at {q.size // d} wave vectors take {size / 2**30:.3g} GiB of memory"
-            mend = "Give fewer npoints or segments, or take Phonons.frequencies(qpoints), which keeps no eigenvectors"
+            mend = "Give fewer npoints or segments, or eigenvectors=False"
             raise InputError(what, f"Bands of more than {MOST_BYTES >> 30} GiB are not made", mend)
-        modes = self.lattice.modes(q.reshape(-1, d), along)
+        velocities, vectors = None, None
+        if eigenvectors:
+            modes = self.lattice.modes(q.reshape(-1, d), along)
+            values, vectors = modes.frequencies, modes.eigenvectors.reshape(s, p, b, b)
+            velocities = modes.group_velocities.reshape(s, p, b, d) * self.scales.velocity
+        else:
+            values = self.lattice.frequencies(q.reshape(-1, d))
         return Bands(
-            segments, distances, modes.frequencies.reshape(s, p, b) * self.scales.frequency,
-            modes.group_velocities.reshape(s, p, b, d) * self.scales.velocity, modes.eigenvectors.reshape(s, p, b, b),
+            segments, distances, values.reshape(s, p, b) * self.scales.frequency, velocities, vectors,
             ticks, np.asarray(self.atoms.cell), self.atoms.get_scaled_positions(wrap=False), self.atoms.get_masses(),
-            self.scales, self._find_warnings(q.reshape(-1, d), modes.frequencies), self.lattice.motions,
+            self.scales, self._find_warnings(q.reshape(-1, d), values), self.lattice.motions,
             tuple(self._repeats.tolist()), self.state.kinds, self.lattice.gyration,
         )  # fmt: skip
+
+    def estimate(self, points: int, eigenvectors: bool = True) -> Cost:
+        """Return what bands, or frequencies, at so many wave vectors cost on one processor of this machine, before they do.
+
+        :attr:`~granphon.media.cost.Cost.text` says it in words; ``memory`` is in bytes, and ``seconds`` is the processor's
+        time. Of cells with hundreds of branches it follows from a small matrix that is timed on this machine.
+        """
+        count = whole_number("points", points, 1, LARGEST_COUNT)
+        return costs.bands(count, self.lattice.n_branches, eigenvectors, file=False)
 
     def complex_bands(
         self, frequencies: ArrayLike, axis: Any = 0, q: ArrayLike = (), *, damping: Any = 0.0, loss_factor: Any = 0.0
