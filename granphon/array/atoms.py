@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.packing import Packing
-from granphon.base.errors import InputError, brief
+from granphon.base.errors import InputError, brief, needing
 from granphon.base.scales import Units
 from granphon.base.text import require_path
 
@@ -207,8 +207,9 @@ def write_extxyz(path: str | Path, atoms: Atoms) -> None:
     of the calculator are not written. The folder is made if need be. Raises
     :class:`InputError` if ``atoms`` is not an Atoms or ``path`` is not a path.
     """
-    from ase import Atoms
-    from ase.io.extxyz import output_column_format
+    with needing("A structure file"):
+        from ase import Atoms
+        from ase.io.extxyz import output_column_format
 
     require_path(path)
     if not isinstance(atoms, Atoms):
