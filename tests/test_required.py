@@ -106,7 +106,7 @@ ASKED: dict[str, tuple[dict[str, int], set[str], set[str]]] = {
     "sweep, auto": ({}, set(), SWEEP),
     "bands": (SPECTRA | {"modes": 1}, PHONOPY, BANDS),
     "bands, no friction": (SPECTRA | {"modes": 1}, PHONOPY, BANDS),
-    "density of states": ({"modes": 1}, {"ase", "ase.calculators"}, {"dos.csv"}),
+    "density of states": ({"modes": 1}, {"ase", "ase.calculators", "spglib"}, {"dos.csv"}),
     "bands and density of states": (SPECTRA | {"modes": 2}, PHONOPY, {*BANDS, "dos.csv"}),
     "sweep, averaged": ({}, set(), SWEEP),
     "sweep, effective medium": (EMA, NODES, SWEEP),

@@ -31,9 +31,9 @@ _UNITS = {
     "m": "", "s": "", "g": "", "K": "", "meter metre": "1 m", "second": "1 s", "gram": "1 g",
     "kelvin degree_Celsius degC": "1 K", "minute": "60 s", "h hour": "3600 s", "Hz hertz": "1 1/s", "% percent": "0.01",
     "N newton": "1000 g*m/s^2", "Pa pascal": "1 N/m^2", "J joule": "1 N*m", "bar": "1e5 Pa", "atm": "101325 Pa",
-    "inch": "0.0254 m", "ft foot feet": "0.3048 m", "yd yard": "0.9144 m", "mi mile": "1609.344 m", "angstrom Å": "1e-10 m",
-    "mph mile_per_hour": "1 mi/h", "knot": "1852 m/h", "fps foot_per_second": "1 ft/s", "t tonne": "1e6 g",
-    "lb pound": "453.59237 g", "lbf pound_force": "4.4482216152605 N", "psi": "1 lbf/inch^2",
+    "inch inches": "0.0254 m", "ft foot feet": "0.3048 m", "yd yard": "0.9144 m", "mi mile": "1609.344 m",
+    "angstrom Å": "1e-10 m", "mph mile_per_hour": "1 mi/h", "knot": "1852 m/h", "fps foot_per_second": "1 ft/s",
+    "t tonne": "1e6 g", "lb pound": "453.59237 g", "lbf pound_force": "4.4482216152605 N", "psi": "1 lbf/inch^2",
     "kgf kilogram_force": "9.80665 N", "dyn dyne": "1e-5 N",
 }  # fmt: skip
 _NAMES = {name: value for names, value in _UNITS.items() for name in names.split()}

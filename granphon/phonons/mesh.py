@@ -13,11 +13,14 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from functools import reduce
+from functools import partial, reduce
 from typing import NamedTuple
 
 import numpy as np
+from ase import Atoms
 from numpy.typing import NDArray
+
+from granphon.base.errors import needing
 
 Array = NDArray[np.float64]
 
@@ -25,6 +28,8 @@ Array = NDArray[np.float64]
 _HELD = 2**20
 #: width of a step, far below any frequency that is not zero
 _TINY = 1e-200
+#: distance, in diameters, up to which balls are at one place
+_PLACE = 1e-5
 #: relative difference of numbers that are equal but for rounding
 _EQUAL = 1e-10
 #: a wave vector without symmetry, fractions of the reciprocal cell
@@ -106,18 +111,31 @@ class ZoneMesh(NamedTuple):
         return counted[:, :-1]
 
 
-def find_point_group(reciprocal: Array, frequencies: Callable[[Array], Array]) -> NDArray[np.intp]:
-    """Return the rotations of the zone that keep ``frequencies``, (n, p, p), which act on fractions q as q @ rotation.
+def find_point_group(atoms: Atoms, periods: int, frequencies: Callable[[Array], Array]) -> NDArray[np.intp] | None:
+    """Return the rotations that keep ``frequencies``, (n, p, p), which act on fractions q as q @ rotation; None if unknown.
 
-    Rotations keep the lengths and angles of the ``reciprocal`` vectors (p, p). The balls and contacts of the cell may have
-    less symmetry: ``frequencies`` (n, n_branches) of wave vectors (n, p), fractions, are compared at images of one of them.
+    They are of the layer or space group of the ``atoms``. Spglib knows the places of the balls, not the stiffness of
+    contacts: ``frequencies`` (n, n_branches) of wave vectors (n, p), fractions, are compared at images of one of them.
     """
-    p = len(reciprocal)
-    every = np.array(list(itertools.product((-1, 0, 1), repeat=p * p))).reshape(-1, p, p)
-    metric = reciprocal @ reciprocal.T
-    kept = every[np.abs(every @ metric @ every.swapaxes(1, 2) - metric).max(axis=(1, 2)) <= _EQUAL * metric.max()]
-    values, ours = frequencies(_PROBE[:p] @ kept), frequencies(_PROBE[None, :p])
-    return np.asarray(kept[np.abs(values - ours).max(axis=1) <= _EQUAL * ours.max()])
+    with needing("A mesh that is reduced by symmetry"):
+        import spglib
+    spglib.error.OLD_ERROR_HANDLING = False  # as phonopy and ASE do: it raises, and does not warn
+
+    if periods == 1:
+        return np.ones((1, 1, 1), int)
+    scalars = [atoms.get_masses(), atoms.arrays.get("diameter_deviations", np.zeros(len(atoms)))]
+    _, kinds = np.unique(np.stack(scalars), axis=1, return_inverse=True)
+    cell = (np.asarray(atoms.cell), atoms.get_scaled_positions(wrap=True), kinds.ravel() + 1)
+    find = partial(spglib.get_symmetry_layerdataset, aperiodic_dir=2) if periods == 2 else spglib.get_symmetry_dataset
+    try:
+        dataset = find(cell, symprec=_PLACE)
+    except spglib.SpglibError:
+        return None
+    if dataset is None:
+        return None
+    rotations = np.unique(dataset.rotations[:, :periods, :periods], axis=0)
+    values = frequencies(_PROBE[:periods] @ rotations)
+    return rotations if np.ptp(values, axis=0).max() <= _EQUAL * values.max() else None
 
 
 def _distribution(at: Array, knots: Array) -> Array:

@@ -514,11 +514,10 @@ class Phonons:
 
     def _make_mesh(self, numbers: tuple[int, ...], reduce: bool = True) -> ZoneMesh:
         """Return a Gamma-centred mesh, reduced by the point group of the frequencies."""
-        lattice = self.lattice
-        return ZoneMesh.of(
-            numbers,
-            find_point_group(lattice.reciprocal, lambda q: lattice.frequencies(lattice.wavevectors(q))) if reduce else None,
-        )
+        lattice, group = self.lattice, None
+        if reduce:
+            group = find_point_group(self.atoms, self._periods, lambda q: lattice.frequencies(lattice.wavevectors(q)))
+        return ZoneMesh.of(numbers, group)
 
     # -- files ------------------------------------------------------------------------------------------------------
 

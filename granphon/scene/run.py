@@ -398,7 +398,7 @@ def run(
                 if error.reached is None or store is None:
                     raise
                 raise keep_incomplete(error, locked, "sweep.nc", store) from None
-        others = ("ase", "phonopy") if result.phonons is not None else ("ase",) * (result.waves is not None)
+        others = ("ase", "phonopy", "spglib") if result.phonons is not None else ("ase",) * (result.waves is not None)
         used = versions("numpy", "scipy", "xarray", "h5netcdf", *others)
         every, drawn = (tuple(name for name in names if name not in result.left_out) for names in (every, drawn))
         with locked.staging((*drawn, *result.left_out)) as place, progress.step("writing", len(every)) as step:

@@ -12,7 +12,7 @@ from typing import Any, BinaryIO, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.base.errors import InputError, brief
+from granphon.base.errors import InputError, OutputError, brief
 from granphon.base.records import RecordFile, read_records
 from granphon.base.results import Result, plain
 from granphon.base.validation import number, positive, require, whole_number
@@ -227,6 +227,11 @@ class Frames:
         self._frames: list[dict[str, Any]] = []
         self._file: RecordFile | None = None
         self._count, self.last_time = 0, 0.0
+        if path is not None and os.path.exists(path):
+            try:
+                read_records(path, _ABOUT)
+            except InputError:
+                raise OutputError(f"{os.fspath(path)} is there, and is no motion of granphon", mend="Give another") from None
 
     def __len__(self) -> int:
         return self._count

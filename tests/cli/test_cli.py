@@ -361,7 +361,7 @@ def test_run_writes_spectra_that_are_read_back(work):
     assert set(expected_files(plan)) - set(expected_files(plan, figures=False)) == {"bands.png"}
     alone = Scene.from_text(SPECTRA.replace("[velocities, bands, dos]", "[dos]"))
     assert expected_files(alone) == (*ALONE, "dos.csv", "dos.png")
-    assert set(summary["versions"]) == {"granphon", "numpy", "scipy", "xarray", "h5netcdf", "ase", "phonopy"}
+    assert set(summary["versions"]) == {"granphon", "numpy", "scipy", "xarray", "h5netcdf", "ase", "phonopy", "spglib"}
 
 
 def test_finite_overlap_reaches_every_result(work):
