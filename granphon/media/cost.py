@@ -33,6 +33,7 @@ from granphon.array.preconditioners import MOST_BALLS
 from granphon.balls.diameters import uniform_numbers
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
+from granphon.dynamics.linalg import MANY_COLUMNS
 from granphon.media.left_out import estimate_reduced_force, estimate_spacing, find_spacing
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.simulation import DirectSimulation
@@ -113,6 +114,9 @@ _HISTORY_STATE_BYTES = {2: 60.0, 3: 150.0}
 _SMALL_SHAPE = (96, 96)
 #: a* of the small sample, and its f*
 _SMALL_SPACING, _SMALL_FORCE = 1.0, 0.3678
+#: size of the small matrix; time of eigenvectors and velocities over that of eigenvalues; and bytes over the square of the
+#: number of branches while values, and vectors, of one wave vector are found
+_SMALL_MATRIX, _VECTORS_TIME, _VALUES_BYTES, _VECTORS_BYTES = 500, 5.0, 36.0, 200.0
 #: memory of a cluster medium, bytes
 _CLUSTER_BYTES = 2e8
 #: time of a cluster medium, s, and what each of its balls adds, s
@@ -345,18 +349,40 @@ def _measure_time_per_ball() -> float:
     return min(times) / deviations.size
 
 
+@cache
+def _measure_eigenvalues() -> float:
+    """Measure the time of the eigenvalues of a complex matrix over the cube of its size, on this machine, s."""
+    n, times = _SMALL_MATRIX, []
+    real, imaginary = np.random.default_rng(0).normal(size=(2, n, n))
+    matrix = real + real.T + 1j * (imaginary - imaginary.T)
+    for _ in range(3):
+        start = process_time()
+        np.linalg.eigvalsh(matrix)
+        times.append(process_time() - start)
+    return min(times) / n**3
+
+
 # -- spectra, and sweeps --------------------------------------------------------------------------------------------
 
 
-def bands(points: int, branches: int) -> Cost:
-    """Estimate the cost of a band structure at ``points`` wave vectors, with its file.
+def bands(points: int, branches: int, eigenvectors: bool = True, file: bool = True) -> Cost:
+    """Estimate the cost of a band structure at ``points`` wave vectors, and of its ``file``.
 
     The numbers are bytes and microseconds for each wave vector: eigenvectors, phonopy's dynamical matrices and the lines of
-    the file, as measured with 2, 3 and 9 branches. Matrices go as the square of the number of branches.
+    the file, as measured with 2, 3 and 9 branches. Matrices go as the square of the number of branches. In large cells
+    eigenvalues take the most, which go as its cube; their time is that of a small matrix on this machine.
     """
-    square = branches * branches
-    what = f"bands at {points:,} wave vectors"
-    return Cost(kept=points * (2000.0 + 295.0 * square), known=1e-6 * points * (110.0 + 12.0 * square), parts=(what,))
+    square, cube = branches * branches, float(branches) ** 3
+    what = f"{'bands' if eigenvectors else 'frequencies'} at {points:,} wave vector{'s' * (points != 1)}"
+    kept = points * (2000.0 + (295.0 if file else 32.0) * square if eigenvectors else 50.0 * branches)
+    known = 1e-6 * points * (110.0 + (12.0 if file else 0.5) * square if eigenvectors else 110.0 + 0.07 * square)
+    working = 0.0
+    if branches > MANY_COLUMNS:
+        known += points * cube * _measure_eigenvalues() * (_VECTORS_TIME if eigenvectors else 1.0)
+        working = (_VECTORS_BYTES if eigenvectors else _VALUES_BYTES) * square
+    return Cost(
+        working, kept, known=known, parts=(f"{what} with {branches:,} branches" if branches > MANY_COLUMNS else what,)
+    )
 
 
 def density_of_states(mesh: tuple[int, ...], branches: int) -> Cost:

@@ -446,7 +446,7 @@ def _describe_alone(
 
     with progress.step("force constants"):
         phonons = Phonons(state, dim=scene.dim)
-        if set(scene.observe) & {"bands", "dos"}:
+        if "bands" in scene.observe:
             _ = phonons.phonopy
     if "bands" in scene.observe:
         with progress.step("bands"):

@@ -232,6 +232,11 @@ class Frames:
         self._frames: list[dict[str, Any]] = []
         self._file: RecordFile | None = None
         self._count, self.last_time = 0, 0.0
+        if path is not None and os.path.exists(path):
+            try:
+                read_records(path, _ABOUT)
+            except InputError:
+                raise OutputError(f"{os.fspath(path)} is there, and is no motion of granphon", mend="Give another") from None
 
     def __len__(self) -> int:
         return self._count

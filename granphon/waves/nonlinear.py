@@ -215,7 +215,7 @@ class NonlinearWaves:
             allows. It is halved, and the run begins anew, if contacts become much stiffer.
         scheme : "verlet", explicit and symplectic, whose sum of energies differs from a constant by the square of the step;
             or "midpoint", implicit, four to six times the work, whose sum of energies is constant to rounding, with losses.
-        file : path to which frames are written as they come, for :meth:`Motion.read`; what is there is replaced. It can be
+        file : path to which frames are written as they come, for :meth:`Motion.read`; a motion there is replaced. It can be
             read at any time, and after the program was killed.
         progress : is told how many frames are done.
 
@@ -224,7 +224,8 @@ class NonlinearWaves:
         :class:`~granphon.base.errors.StoppedEarlyWarning`, and returns what there is.
 
         Raises :class:`~granphon.base.errors.InputError` for shapes and numbers that are not allowed, a drive of nothing, a
-        force on a body that is held, and a ``step`` too long for the stiffest contact.
+        force on a body that is held, and a ``step`` too long for the stiffest contact; and
+        :class:`~granphon.base.errors.OutputError` where ``file`` is something else than a motion, or cannot be written.
         """
         length, count = positive("duration", duration, "s"), whole_number("frames", frames, 2)
         require("scheme", partial(choice, options=SCHEMES), scheme)

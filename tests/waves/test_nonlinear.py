@@ -14,7 +14,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import granphon as gp
-from granphon.base.errors import InputError, StoppedEarlyWarning
+from granphon.base.errors import InputError, OutputError, StoppedEarlyWarning
 from tests.networks.test_cuts import D, bulk
 
 ROOT = Path(__file__).parents[2]
@@ -322,6 +322,19 @@ def test_ctrl_c_keeps_what_there_is(tmp_path):
         motion = waves.run(1e-4, drive=drive, frames=101, file=tmp_path / "motion.nc")
     assert 45 < len(motion.times) < 55
     assert gp.Motion.read(tmp_path / "motion.nc") == motion
+
+
+def test_only_a_motion_is_replaced(tmp_path):
+    waves, path, other = gp.NonlinearWaves(line(10.0, 4)), tmp_path / "motion.nc", tmp_path / "data.csv"
+    for duration in (1e-5, 2e-5):
+        waves.run(duration, frames=3, file=path)
+        assert gp.Motion.read(path).times[-1] == pytest.approx(duration)
+    other.write_text("1, 2")
+    with pytest.raises(OutputError, match="no motion"):
+        waves.run(1e-5, file=other)
+    assert other.read_text() == "1, 2"
+    with pytest.raises(OutputError, match="no motion"):
+        waves.run(1e-5, file=tmp_path)
 
 
 def test_a_file_of_a_motion_whose_program_was_killed_can_be_read(tmp_path):
