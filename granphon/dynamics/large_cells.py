@@ -10,7 +10,6 @@ touch, are left to the blocks of :mod:`granphon.dynamics.blocks`, whose matrices
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -65,6 +64,8 @@ class LargeCell:
             one, other = unit[:, pair], unit[:, image[pair]]
             of_balls = hstack([unit[:, fixed], root * (one + other), 1j * root * (one - other)])
             self.frame = kron(of_balls, np.diag(lattice.motions.phases)).tocsr()
+        #: fewest frequencies of zero at any wave vector so far
+        self._zeros = self.size
         self.kinds: list[_Ends] = []
         for prestress in (False, True)[: 1 + self.pressed]:
             rows, roots = lattice.weight_rows(prestress)
@@ -108,25 +109,12 @@ class LargeCell:
             gradients -= 2.0 * (((ahead - behind).conj() * (ahead + behind)).imag * ends.signs[:, None]).T @ ends.half
         return values, self.frame @ vectors, gradients / (2.0 * values[:, None])
 
-    @cached_property
+    @property
     def free_branches(self) -> int | None:
         """Number of branches that vanish at every wave vector; None if digits would be lost."""
-        q = GENERIC[0, : self.kinds[0].half.shape[1]]
-        rows, matrix, top = self._compute(q)
-        parts = _split(matrix)
-        if (
-            not self.pressed
-            and max(map(len, parts)) > 2
-            and all(
-                _sharpen(matrix[part][:, part], rows[:, part], 1, top)[0] > _LEAST * np.sqrt(top)
-                if len(part) > 2
-                else matrix[part][:, part].toarray().any()
-                for part in parts
-            )
-        ):
-            return 0
-        values = self.find_frequencies(q)
-        return None if values is None else int(np.count_nonzero(values == 0.0))
+        if self._zeros and self.find_frequencies(GENERIC[0, : self.kinds[0].half.shape[1]]) is None:
+            return None
+        return self._zeros
 
     def _compute(self, q: Array) -> tuple[Any, Any, float]:
         """Return C(q) without static forces, D(q), and a bound of its eigenvalues."""
@@ -165,6 +153,7 @@ class LargeCell:
                 return None
             sizes[:low][nothing] = 0.0
             values[part] = sizes
+        self._zeros = min(self._zeros, int(np.count_nonzero(values == 0.0)))
         return values, vectors
 
 
