@@ -83,7 +83,7 @@ load: {force: 10 N}
     with pytest.raises(InputError, match="push: found '2 s'"):
         Scene.from_yaml(tmp_path / "scene.yaml")
     (tmp_path / "scene.yaml").write_text(text.replace("LAW", "{soft: {part: 0.5 N, push: 2 N/m}}"), encoding="utf-8")
-    with pytest.raises(InputError, match="part: found '0.5 N'; allowed: a plain number"):
+    with pytest.raises(InputError, match=r"part: found '0\.5 N'; allowed: a plain number"):
         Scene.from_yaml(tmp_path / "scene.yaml")
     with pytest.raises(InputError, match=r"the contact law 'jkr' has numbers: adhesion. Give it as JKR"):
         gp.Crystal.on("chain", [ball], law="jkr")
