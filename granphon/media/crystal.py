@@ -1286,7 +1286,8 @@ def _read_law(law: Any) -> Any:
         return Hertz() if law is None else find_law(law)
     for key in law:
         if not (isinstance(key, tuple) and len(key) == 2 and all(isinstance(one, str) for one in key)):
-            raise InputError(f"law has the key {brief(key)}", mend='Give pairs of names, as ("A", "B")')
+            mend = 'Give a law itself, or one for each pair of names, as ("A", "B")'
+            raise InputError(f"law has the key {brief(key)}", mend=mend)
         if key[::-1] in law and law[key] != law[key[::-1]]:
             raise InputError(f"law has two laws for contacts of {key}", mend="Give one, in either order")
     return tuple((pair, find_law(one)) for pair, one in law.items())

@@ -87,13 +87,18 @@ class Motion(Result):
         Raises :class:`~granphon.base.errors.InputError` for a file that is not there, or that is of another kind or schema.
         """
         found, about = read_records(path, _ABOUT, frames)
-        own = {name.removeprefix("network_"): found.pop(name) for name in list(found) if name.startswith("network_")}
-        for name in ("i", "j", "shift", "labels"):
-            if name in own:
-                own[name] = own[name].astype(np.intp)
-        network = ContactNetwork.from_dict({"class": "ContactNetwork", **json.loads(about["network"]), **own})
-        met: Any = found.pop("met", np.zeros((0, 2))).astype(np.intp)
-        return cls(**found, network=network, met=met, step=float(about["step"]))
+        try:
+            own = {name.removeprefix("network_"): found.pop(name) for name in list(found) if name.startswith("network_")}
+            for name in ("i", "j", "shift", "labels"):
+                if name in own:
+                    own[name] = own[name].astype(np.intp)
+            network = ContactNetwork.from_dict({"class": "ContactNetwork", **json.loads(about["network"]), **own})
+            met: Any = found.pop("met", np.zeros((0, 2))).astype(np.intp)
+            motion = cls(**found, network=network, met=met, step=float(about["step"]))
+            motion._check()
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(f"the file of a motion is damaged: {error}", mend="Run again") from None
+        return motion
 
     def write(self, path: str | os.PathLike[str] | BinaryIO) -> None:
         """Write a netCDF file, or to an open binary file, for :meth:`read`.
@@ -273,7 +278,11 @@ class Frames:
             self._file.append({name: _pad(before[name][at], np.shape(last)) for name, last in whole.items()})
         self._file.append(whole)
         del before  # some systems do not replace a file that is in use
-        os.replace(beside, self._path)
+        try:
+            os.replace(beside, self._path)
+        except OSError as error:
+            os.remove(beside)
+            raise OutputError(f"{self._path} cannot be written: {error.strerror}") from None
 
     @property
     def _met(self) -> Index:
