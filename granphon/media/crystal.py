@@ -1070,7 +1070,8 @@ class CrystalState(Result):
         if not np.size(where):
             raise InputError(f"the index {brief(index)} selects none of the loads", mend="Select one or more")
         arrays = {name: getattr(self, name) for name in _PER_LOAD}
-        return replace(self, **{name: read_only(a.reshape(count, *a.shape[axes:])[where]) for name, a in arrays.items()})
+        chosen: Any = {name: read_only(a.reshape(count, *a.shape[axes:])[where]) for name, a in arrays.items()}
+        return replace(self, **chosen)
 
     def __repr__(self) -> str:
         forces = self.normal_force
