@@ -1069,10 +1069,8 @@ class CrystalState(Result):
         where = np.arange(count).reshape(self.shape)[index]
         if not np.size(where):
             raise InputError(f"the index {brief(index)} selects none of the loads", mend="Select one or more")
-        chosen: dict[str, Any] = {}
-        for name in _PER_LOAD:
-            array = getattr(self, name)
-            chosen[name] = read_only(array.reshape(count, *array.shape[axes:])[where])
+        arrays = {name: getattr(self, name) for name in _PER_LOAD}
+        chosen: Any = {name: read_only(a.reshape(count, *a.shape[axes:])[where]) for name, a in arrays.items()}
         return replace(self, **chosen)
 
     def __repr__(self) -> str:
