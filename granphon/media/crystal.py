@@ -1069,10 +1069,8 @@ class CrystalState(Result):
         where = np.arange(count).reshape(self.shape)[index]
         if not np.size(where):
             raise InputError(f"the index {brief(index)} selects none of the loads", mend="Select one or more")
-        chosen: dict[str, Any] = {}
-        for name in _PER_LOAD:
-            array = getattr(self, name)
-            chosen[name] = read_only(array.reshape(count, *array.shape[axes:])[where])
+        arrays = {name: getattr(self, name) for name in _PER_LOAD}
+        chosen: Any = {name: read_only(a.reshape(count, *a.shape[axes:])[where]) for name, a in arrays.items()}
         return replace(self, **chosen)
 
     def __repr__(self) -> str:
@@ -1289,7 +1287,8 @@ def _read_law(law: Any) -> Any:
         return Hertz() if law is None else find_law(law)
     for key in law:
         if not (isinstance(key, tuple) and len(key) == 2 and all(isinstance(one, str) for one in key)):
-            raise InputError(f"law has the key {brief(key)}", mend='Give pairs of names, as ("A", "B")')
+            mend = 'Give a law itself, or one for each pair of names, as ("A", "B")'
+            raise InputError(f"law has the key {brief(key)}", mend=mend)
         if key[::-1] in law and law[key] != law[key[::-1]]:
             raise InputError(f"law has two laws for contacts of {key}", mend="Give one, in either order")
     return tuple((pair, find_law(one)) for pair, one in law.items())
