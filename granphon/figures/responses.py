@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 #: number of receivers up to which each has a colour and an entry of the legend
 _FEW = len(COLOURS)
-#: number of loads from which on responses are drawn as maps, greatest number of maps or of places, and their depth, dB
-_LOADS, _PANELS, _DEPTH = 6, 4, 80.0
+#: greatest number of maps or of places
+_PANELS = 4
 
 
 def _label_decibels(name: str) -> str:
@@ -93,7 +93,7 @@ def responses_figure(dataset: Dataset) -> Figure:
     """
     name = next((one for one in RESPONSES.values() if one in dataset), "receptance")
     states, handles = choose_states(dataset, name, "responses")
-    if dataset.sizes["load"] >= _LOADS:
+    if dataset.sizes["load"] >= 6:
         return _map_figure(dataset, name)
     places, f = dataset["receiver"].values.astype(str).tolist(), dataset["response_frequency"].values
     chosen = pick_evenly(len(places), _FEW if len(states) == 1 else _PANELS)
@@ -143,7 +143,7 @@ def _map_figure(dataset: Dataset, name: str) -> Figure:
             most = float(np.nanmax(shown))
             mesh = ax.pcolormesh(
                 x, y, shown.T, shading="nearest", cmap=SPECTRUM, rasterized=True,
-                vmin=max(most - _DEPTH, float(np.nanmin(shown))), vmax=most,
+                vmin=max(most - 80.0, float(np.nanmin(shown))), vmax=most,  # 80 dB
             )  # fmt: skip
             add_bar(ax, mesh, _label_decibels(name))
             ax.set(ylabel=f"Frequency ({print_hertz(prefix)})", ylim=(y[0], y[-1]))
