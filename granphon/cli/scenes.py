@@ -95,8 +95,7 @@ def run_scene(
     ],
     force: Annotated[bool, typer.Option("--force", help=FORCE, rich_help_panel=_FILES)] = False,
     resume: Annotated[
-        bool,
-        typer.Option("--resume", help="Leave what is complete as it is; go on with what is not.", rich_help_panel=WORK),
+        bool, typer.Option("--resume", help="Leave what is complete as it is; go on with what is not.", rich_help_panel=WORK)
     ] = False,
     workers: Workers = None,
     scheduler: Scheduler = None,
@@ -156,8 +155,7 @@ def run_scene(
 @command("plot", rich_help_panel=PICTURES)
 def draw_results(
     runs: Annotated[
-        list[str],
-        typer.Argument(metavar="RUN", help="Folders of 'granphon run' or 'granphon fit', or files in them."),
+        list[str], typer.Argument(metavar="RUN", help="Folders of 'granphon run' or 'granphon fit', or files in them.")
     ],
     out: Annotated[
         str | None,

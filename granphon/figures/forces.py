@@ -22,14 +22,7 @@ from granphon.base.errors import InputError, brief
 from granphon.base.scales import prefixed
 from granphon.base.text import counted
 from granphon.base.validation import finite_array
-from granphon.figures.style import (
-    BLUE,
-    GUIDE,
-    PAGE_WIDTH,
-    STYLE,
-    VERMILION,
-    colour_kinds,
-)  # fmt: skip
+from granphon.figures.style import BLUE, GUIDE, PAGE_WIDTH, STYLE, VERMILION, colour_kinds  # fmt: skip
 from granphon.media.state import ContactState
 from granphon.networks.network import ContactNetwork
 from granphon.phonons.phonopy_atoms import number_kinds
@@ -49,11 +42,7 @@ _MOST_DIAMETERS = 48.0
 
 
 def plot_forces(
-    sample: Sample | ContactNetwork,
-    ax: Axes | None = None,
-    *,
-    show: Show = "auto",
-    window: Sequence[float] | None = None,
+    sample: Sample | ContactNetwork, ax: Axes | None = None, *, show: Show = "auto", window: Sequence[float] | None = None
 ) -> Axes:
     """Draw the contact forces of a sample or a network: a line from ball to ball, as wide and as dark as its force.
 

@@ -23,14 +23,14 @@ _PICTURES: dict[str, tuple[str, str, str, float]] = {
     "granphon.Bands": ("bands", "bands_figure", "bands", 0.0),
     "granphon.DensityOfStates": ("bands", "bands_figure", "dos", 0.0),
     "granphon.WidthFit": ("curves", "fit_figure", "fit", 0.0),
-    "granphon.DampingFit": ("transfer", "transfer_fit_figure", "fit", 0.0),
+    "granphon.DampingFit": ("responses", "transfer_fit_figure", "fit", 0.0),
     "granphon.TradeOff": ("work_precision", "tradeoff_figure", "result", 0.0),
     "granphon.PathSpectra": ("waves", "spectrum_figure", "spectra", 0.0),
     "granphon.SpectralFunction": ("waves", "plot_lines", "spectrum", 2.6),
     "granphon.SpectralDensity": ("waves", "plot_sample_dos", "dos", 2.4),
     "granphon.SurfaceSpectrum": ("waves", "plot_surface", "spectrum", 3.1),
-    "granphon.Transmission": ("transmission", "plot_transmission", "result", 2.3),
-    "granphon.ComplexBands": ("transmission", "complex_bands_figure", "bands", 0.0),
+    "granphon.Transmission": ("responses", "plot_transmission", "result", 2.3),
+    "granphon.ComplexBands": ("responses", "complex_bands_figure", "bands", 0.0),
     "granphon.Motion": ("motions", "motion_figure", "motion", 0.0),
     "granphon.Response": ("responses", "response_figure", "response", 0.0),
     "granphon.Pulse": ("waves", "pulse_figure", "pulse", 0.0),
@@ -94,8 +94,8 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
         refuse_unpressed(result)
         words = (
             "bands (complex ones too), a transmission, a density of states, a sweep, a fit, a trade-off, spectra (of an"
-            " edge too), a pulse, a response, a motion, modes, a state, a sample, a network, or the result of a run of a scene"
-            " with bands, a density of states or a sweep"
+            " edge too), a pulse, a response, a motion, modes, a state, a sample, a network, or the result of a run of a"
+            " scene with bands, a density of states or a sweep"
         )
         raise InputError(f"{brief(result)} has no default picture", mend=f"Give {words}")
     draw: Callable[..., Any] = getattr(import_module(f"granphon.figures.{known[0]}"), known[1])

@@ -1,6 +1,9 @@
 """The data set of a sweep: its frame, which says what is computed, the results of the cases in their places, and its files.
 
 The files are netCDF for programs, which is read back, and a table for spreadsheets.
+
+A data set that granphon has made or read has an accessor: ``dataset.granphon.plot()``, ``.exponent()``, ``.fit(...)``. Units
+are the attributes ``units`` of the variables, which ``dataset.pint.quantify()`` of pint-xarray takes.
 """
 
 from __future__ import annotations
@@ -18,20 +21,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import PARAMETERS
 from granphon.base.errors import InputError, InstabilityError, MechanismError, needing
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import LIGHT_VELOCITY, LOAD_KINDS, find_load_unit
+from granphon.base.results import restore
 from granphon.base.tables import Heading, write_table
-from granphon.base.text import damage_error, digest, read_bytes, require_schema, show, versions, warn_unverified
+from granphon.base.text import closest, damage_error, digest, read_bytes, require_schema, show, versions, warn_unverified
 from granphon.dynamics.long_waves import voigt_names
 from granphon.media.arrangement import Balls
 from granphon.media.left_out import EXACT, LATTICE
 from granphon.observables.catalogue import CATALOGUE, Analysis, entry_of
-from granphon.runs.accessor import register_accessor
 from granphon.runs.execution import solve_all
 from granphon.runs.netcdf import MOST_BYTES, netcdf_bytes, open_bytes
 from granphon.runs.store import Store, TaskResult
@@ -51,6 +54,7 @@ from granphon.runs.tasks import (
 from granphon.runs.workers import packages
 
 if TYPE_CHECKING:
+    from xarray import DataArray
     from xarray import Dataset as Dataset
 
 
@@ -558,3 +562,97 @@ def _try_elsewhere(path: str | os.PathLike[str], data: bytes) -> None:
     if done.returncode != 0 or done.stdout.strip() != b"good":
         said = done.stderr.decode("utf-8", "replace").strip().splitlines()
         raise _explain_unreadable(path, f"HDF5 fails on it: {said[-1] if done.returncode > 0 and said else 'it crashes'}")
+
+
+# -- what a data set does by itself -------------------------------------------------------------------------------------
+
+
+class SweepAccessor:
+    """What ``dataset.granphon`` is, for a ``dataset`` of :func:`~granphon.sweep` or :func:`~granphon.load_sweep`."""
+
+    def __init__(self, dataset: Dataset) -> None:
+        self._dataset = dataset
+
+    @property
+    def packing(self) -> Packing:
+        """The packing that was swept; :class:`InputError` for a data set of a crystal, or one that granphon has not made."""
+        try:
+            found: Packing = restore(json.loads(self._dataset.attrs["packing"]), Packing, "the attribute packing")
+        except (KeyError, ValueError, TypeError):
+            raise InputError(
+                "the data set holds no packing", "It is a crystal's, or was not made by granphon.sweep"
+            ) from None
+        return found
+
+    def plot(self, **options: Any) -> Any:
+        """Return the figure of the sweep; ``options`` are those of :func:`~granphon.plot`, as ``variable``."""
+        import granphon
+
+        return granphon.plot(self._dataset, **options)
+
+    def exponent(self, name: str = "longitudinal", over: str | None = None) -> DataArray:
+        """Return the local exponent of a variable over the load, d log(variable)/d log(load), of the variable's shape.
+
+        It is the slope of the parabola through each load and its neighbours, on logarithmic scales, so that its error goes
+        as the square of their distance. The variable ``exponent`` of a sweep has that of the velocities at each load alone.
+
+        Parameters
+        ----------
+        name : the variable.
+        over : another variable, as "pressure", in place of what the loads are given by.
+
+        Raises
+        ------
+        InputError : a name that the data set does not have, fewer than three loads, loads that do not ascend, or values that
+            are not above zero.
+        """
+        data = self._dataset
+        for one in (name, over or name):
+            if one not in data.variables:
+                meant = closest(one, map(str, data.variables))
+                raise InputError(f"the data set has no {one!r}", mend=f"Did you mean {meant!r}?" if meant else "")
+        values = data[name]
+        loads = data[over] if over else _find_load(data)
+        if "load" not in values.dims or data.sizes["load"] < 3:
+            raise InputError("an exponent needs three loads or more", mend="Sweep more loads")
+        x, y = (one.transpose("load", ...).values.astype(float) for one in (loads, values))
+        if not (np.all(x > 0.0) and np.all(y[~np.isnan(y)] > 0.0) and np.all(np.diff(x, axis=0) > 0.0)):
+            raise InputError(f"{name} has no exponent here", "Loads must ascend, and values be above zero")
+        x, y = np.log(x.reshape(len(x), *(1,) * (y.ndim - 1)) if x.ndim == 1 else x + 0.0 * y), np.log(y)
+        found = values.transpose("load", ...).copy(data=_slopes(np.broadcast_to(x, y.shape), y))
+        found.attrs = {"units": "1", "long_name": f"local exponent of {values.attrs.get('long_name', name)}"}
+        return found.transpose(*values.dims).rename(f"{name}_exponent")
+
+    def fit(self, force: ArrayLike, velocity: ArrayLike, *more: Any, **options: Any) -> Any:
+        """Fit the width of the packing to measured ``velocity``, m/s (n,), over ``force``, N (n,).
+
+        ``more``, ``options`` and the result are those of :func:`~granphon.fit_width` for the packing of the data set.
+        """
+        import granphon
+
+        return granphon.fit_width(self.packing, force, velocity, *more, **options)
+
+
+def _find_load(data: Dataset) -> Any:
+    """Return the coordinate that the loads were given by."""
+    return next(data[name] for name in ("force", "pressure", "overlap", "stress", "strain") if data[name].dims == ("load",))
+
+
+def _slopes(x: Any, y: Any) -> Any:
+    """Return the slope at each point of the parabola through it and its neighbours, along the first axis."""
+    out = np.empty_like(y)
+    for at in range(len(x)):
+        first = min(max(at - 1, 0), len(x) - 3)
+        (a, b, c), (fa, fb, fc) = x[first : first + 3], y[first : first + 3]
+        ab, bc = (fb - fa) / (b - a), (fc - fb) / (c - b)
+        out[at] = ab + (bc - ab) / (c - a) * (2.0 * x[at] - a - b)
+    return out
+
+
+def register_accessor() -> None:
+    """Give data sets the accessor, once."""
+    import xarray
+
+    if getattr(xarray.Dataset, "granphon", None) is not SweepAccessor:
+        register: Any = xarray.register_dataset_accessor
+        register("granphon")(SweepAccessor)

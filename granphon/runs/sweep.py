@@ -23,12 +23,7 @@ from granphon.balls.lattices import as_direction, find_lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import Axis, find_double
-from granphon.base.errors import (
-    ConvergenceError,
-    GranphonError,
-    InputError,
-    OutputError,
-)
+from granphon.base.errors import ConvergenceError, GranphonError, InputError, OutputError
 from granphon.base.progress import Progress, silent
 from granphon.base.staging import ResultFiles, is_whole
 from granphon.base.validation import block, require, truth
@@ -38,13 +33,7 @@ from granphon.media.crystal import Crystal
 from granphon.phonons.paths import BandPath
 from granphon.runs.dataset import SweepRun, collect_identity, file_names, load_sweep, write_sweep
 from granphon.runs.store import Store, open_store
-from granphon.runs.tasks import (
-    INCOMPLETE,
-    Asked,
-    Grid,
-    require_arrays,
-    to_json,
-)
+from granphon.runs.tasks import INCOMPLETE, Asked, Grid, require_arrays, to_json
 from granphon.waves.settings import PulseSettings, SpectrumSettings, WaveSettings, wave_rules
 
 if TYPE_CHECKING:

@@ -104,8 +104,7 @@ def _unless_zero(kind: Kind) -> Kind:
 
 
 _OWN_MOTIONS = Kind(  # those that the lattice has by default are left out
-    PARTS["motions"].read,
-    lambda value, at: None if value == next(iter(allowed_motions(at.lattice.dimension))) else value,
+    PARTS["motions"].read, lambda value, at: None if value == next(iter(allowed_motions(at.lattice.dimension))) else value
 )
 FIELDS: tuple[Field, ...] = (
     Field("schema", "schema", Kind.plain(rules.read_schema), "version of this format", f"`{SCENE_SCHEMA}`"),

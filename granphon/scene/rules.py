@@ -592,11 +592,7 @@ def _read_removed(value: Any) -> tuple[int, ...]:
 
 
 def _read_cut(value: Any) -> tuple[Any, int, tuple[str, str]]:
-    rules: dict[str, Rule] = {
-        "axis": read_axis,
-        "layers": partial(whole, low=1, high=1_000_000),
-        "edges": _read_edges,
-    }
+    rules: dict[str, Rule] = {"axis": read_axis, "layers": partial(whole, low=1, high=1_000_000), "edges": _read_edges}
     given = block(value, rules, ("axis", "layers"))
     return given["axis"], given["layers"], given.get("edges", ("free", "free"))
 
