@@ -18,10 +18,6 @@ if TYPE_CHECKING:
     from granphon.tradeoffs.measure import TradeOff
 
 
-#: gaps that are told, the widest
-_MOST_GAPS = 3
-
-
 def write_range(value: Any, unit: str) -> str:
     """Text of a value, or of the least and the greatest of several, as :func:`write_quantity` writes them."""
     values = _flatten(value)
@@ -96,7 +92,7 @@ def describe_result(result: RunResult) -> list[tuple[str, str]]:
                 said = write_uncertain(values[0], errors[0], one.unit) if len(values) == 1 else several
             rows.append((one.label.lower(), said + (along if one.unit == "m/s" and one.cost != "surface" else "")))
     if (gaps := numbers.get("gaps")) is not None:
-        widest = sorted(gaps, key=lambda one: one[0] - one[1])[:_MOST_GAPS]
+        widest = sorted(gaps, key=lambda one: one[0] - one[1])[:3]
         told = ", ".join(write_range(one, "Hz") for one in sorted(widest)) or "none"
         more = f", and {len(gaps) - len(widest)} narrower ones" if len(gaps) > len(widest) else ""
         rows.append(("gaps" if len(gaps) > 1 else "gap", told + more))

@@ -35,26 +35,16 @@ from granphon.observables.validity import validity
 Array = NDArray[np.float64]
 #: a result whose probability is below this, or for chi-squared also above 1 minus this, is not explained by chance
 _LEAST_CHANCE = 1e-3
-#: one datum is judged by the given sigma, not by the scatter, if the chi-squared of the others has at least this probability
-_CHANCE_OF_AGREEMENT = 0.05
-#: a datum of more than this leverage decides the fit almost alone
-_DECIDING_LEVERAGE = 0.9
 #: standard errors above this part of their parameter are beyond linear theory
 LARGE_ERROR = 0.5
-#: scatter below this part of the rounding of the data tells nothing
-_SCATTER_OF_ROUNDING = 0.1
 #: data count as not rounded if their last decimal is below this part of the largest of them
 _FINEST_ROUNDING = 1e-11
 #: f* at the least force of the data for the narrowest width that is tried: disorder has no effect there
 _NARROWEST_AT = 1e4
 #: f* at the greatest force of the data for the widest width that is tried
 _WIDEST_AT = 1e-2
-#: widths that are tried for each factor of ten
-_TRIALS_PER_DECADE = 2
 #: relative error of a model's velocities; a sigma below this part of a velocity, or above its inverse, is a mistake
 _MODEL_ERROR = 1e-12
-#: a pulse whose frequency is above this part of the highest of its branch counts as near the end of the branch
-_NEAR_TOP = 0.98
 #: geometric mean of velocities, over those of equal balls, below which, or above whose inverse, units are taken for wrong:
 #: no array in which a width can be found is so slow, and a unit off by a thousand is beyond it
 _LEAST_RATIO = 0.03
@@ -165,7 +155,7 @@ def find_warnings(problem: FitProblem, logs: Array, errors: Array, given: bool, 
             out.append(f"{where}, {by}: {why}. {mend}")
     # a datum that alone decides the fit
     most = int(np.argmax(leverages))
-    if dof and leverages[most] > _DECIDING_LEVERAGE:
+    if dof and leverages[most] > 0.9:
         out.append(
             f"{describe(most)} decides the fit almost alone: its leverage is {leverages[most]:.4g}, and cannot be above 1"
         )
@@ -175,8 +165,8 @@ def find_warnings(problem: FitProblem, logs: Array, errors: Array, given: bool, 
         farthest = int(np.argmax(r))
         distance = float(r[farthest])
         others = max(chi2 - distance**2, 1e-12)  # chi-squared of the others about a fit of their own
-        if given and compute_probability(others, dof - 1) >= _CHANCE_OF_AGREEMENT:
-            one = float(ndtr(-distance))
+        if given and compute_probability(others, dof - 1) >= 0.05:
+            one = float(ndtr(-distance))  # the others agree with the given sigma
         else:  # judged by the scatter of the others: Student's distribution
             distance *= math.sqrt((dof - 1) / others)
             one = float(stdtr(dof - 1, -distance))
@@ -242,7 +232,7 @@ class FitProblem:
         force, packing = self.model.force, self.model.packing
         units = np.array([np.min(force) / _NARROWEST_AT, np.max(force) / _WIDEST_AT])
         low, high = packing.law.overlap(units)
-        count = math.ceil(_TRIALS_PER_DECADE * math.log10(high / low)) + 1
+        count = math.ceil(2 * math.log10(high / low)) + 1  # two for each factor of ten
         return np.unique(np.append(np.geomspace(low, high, count), max(packing.width, low)))
 
     def __call__(self, logs: Array) -> tuple[Array, Array]:
@@ -369,7 +359,8 @@ def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> Inp
         return InputError(what, why, "Measure at lower forces, or more precisely")
     falling = f"no width fits: the sum of squares still falls at {write_quantity(width, 'm', 3)}"
     tops = None if model.waves.frequency is None else model.find_tops(logs)
-    if tops is not None and np.any(model.waves.frequency > _NEAR_TOP * tops):
+    # pulses near the end of their branch
+    if tops is not None and np.any(model.waves.frequency > 0.98 * tops):
         what = f"{falling}, beyond which the balls do not carry the frequency"
         return InputError(what, model.describe_nearest_to_top(logs), "Check the frequency and the velocities")
     what = f"{falling}, beyond which the medium {model.choice.label!r} cannot be used"
@@ -650,7 +641,8 @@ def fit_width(
     if np.any(errors > 1.0) or np.any(np.abs(step) > 1e-3 * scatter * errors + 1e-9):
         raise explain_undetermined(problem, logs, errors)
     fitted, values = problem.model.fit_packing(logs), np.exp(logs)
-    known = given or float(problem.sigma[0]) >= _SCATTER_OF_ROUNDING * find_rounding(data.velocity)
+    # scatter below a tenth of the rounding of the data tells nothing
+    known = given or float(problem.sigma[0]) >= 0.1 * find_rounding(data.velocity)
     warnings = find_warnings(problem, logs, errors, given, known)
     covariance = covariance if known else np.full(covariance.shape, np.nan)
     # the validity of a simulation is decided at the least and the greatest force

@@ -59,8 +59,6 @@ if TYPE_CHECKING:
 
 
 Array = NDArray[Any]
-#: direction of the waves on a line, in the plane and in space, as files tell it
-_FIRST_AXES = ("(1)", "(1, 0)", "(1, 0, 0)")
 #: costs of the observables of the waves in simulated arrays, at edges, and in networks
 _OF_WAVES = ("pulse", "spectrum", "dos", "surface", "network")
 #: attribute "format" of the netCDF file, by which a sweep is recognised
@@ -73,8 +71,6 @@ _ROWS = {
 }  # fmt: skip
 #: name of the attribute with the sha256 digest of the numbers
 DIGEST = "granphon_sha256"
-#: attributes in which other programs log what they did; the digest leaves them out, as they change no number
-_HISTORY = ("history", "NCO")
 #: longest time that opening a file without a digest may take, s
 TRIAL_SECONDS = 120.0
 #: program of the process that tries to open a file without a digest, see _try_elsewhere
@@ -92,8 +88,6 @@ print("good")
 _TRAILER = b"\ngranphon sha256 of all bytes before: "
 #: length of that text with its digest, bytes
 _TRAILER_BYTES = len(_TRAILER) + 64
-#: variables without which a sweep is damaged
-_REQUIRED = {"force", "overlap", "valid", "medium"}
 #: variables above zero, and those that may also be zero; all are finite, but for the next two
 _ABOVE_ZERO = {
     "force", "pressure", "normal_stiffness", "effective_density", "stiffness_ratio", "longitudinal", "bulk", "shear",
@@ -207,7 +201,7 @@ def make_frame(grid: Grid) -> Dataset:
         whole = {"values": to_json(axis.values)} if axis.name in ("spread", "lattice") else {}
         labels = np.array(axis.labels)
         coordinates[axis.name] = (axis.name, labels, _list_attributes(axis.name, labels, packing) | whole)
-    along = f"{_FIRST_AXES[packing.structure.periods - 1]}, Cartesian, where velocities depend on it"
+    along = f"{('(1)', '(1, 0)', '(1, 0, 0)')[packing.structure.periods - 1]}, Cartesian, where velocities depend on it"
     if (given := asked.direction) is not None:
         many = isinstance(given[0], tuple)
         each: Any = given if many else (given,)
@@ -428,7 +422,8 @@ def _digest_numbers(dataset: Dataset) -> str:
             ordered = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
             kind, content = f"{values.dtype.kind}{values.dtype.itemsize}", hashlib.sha256(ordered.data).hexdigest()
         variables[str(name)] = [list(variable.dims), list(variable.shape), kind, content, variable.attrs]
-    attributes = {name: value for name, value in dataset.attrs.items() if name not in (DIGEST, *_HISTORY)}
+    # two are those in which other programs log what they did, which changes no number
+    attributes = {name: value for name, value in dataset.attrs.items() if name not in (DIGEST, "history", "NCO")}
     return digest({"variables": variables, "attributes": attributes})
 
 
@@ -487,7 +482,7 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
         raise InputError(f"{path} is not a sweep", "granphon did not write it", "Give a sweep.nc")
     schema: Any = dataset.attrs.get("schema")
     require_schema(path, schema.item() if isinstance(schema, np.generic) else schema, SWEEP_SCHEMA)
-    if _REQUIRED - set(dataset.variables):
+    if {"force", "overlap", "valid", "medium"} - set(dataset.variables):  # variables without which a sweep is damaged
         raise InputError(f"{path} is damaged: a part of the sweep is missing", mend="Run the sweep again")
     told = dataset.attrs.pop(DIGEST, None)
     if told is not None and told != _digest_numbers(dataset):

@@ -30,8 +30,6 @@ CALL_SECONDS = 0.1
 MOST_LOSSES = 3
 #: longest time for which a result is waited for before the executor is asked for its workers again, s
 _LOOK_SECONDS = 2.0
-#: longest time for which calls under way are waited for after an error or an interruption, s
-_PATIENCE = 0.5
 
 
 class Task(Protocol):
@@ -183,7 +181,7 @@ class _Work:
                 self._receive(future, self.running[future])
                 del self.running[future]
         finally:
-            wait(self.running, _PATIENCE)
+            wait(self.running, 0.5)  # s, after an error or an interruption
             for future, indices in self.running.items():
                 if not future.cancel() and future.done() and not future.cancelled() and future.exception() is None:
                     with suppress(OutputError):  # this may be the very error that is being raised

@@ -69,8 +69,6 @@ _AVERAGED = (
 _WAVES = "waves."
 #: what the names of arrays of the balls begin with in the result of a task
 _BALLS = "balls."
-#: what of an equilibrium is not kept: the sample is drawn again from its seed
-_DRAWN = ("deviations", "lattice")
 #: version of the format of a sweep, attribute "schema" of its file; files of another one are refused
 SWEEP_SCHEMA = 1
 #: attribute of a data set that says why it lacks loads
@@ -655,7 +653,8 @@ def restore_sample(simulation: DirectSimulation, part: TaskResult) -> Sample | P
 
 def _list_kept(kind: type[Equilibrium]) -> list[str]:
     """Return the names of the fields of an equilibrium that are kept."""
-    return [one.name for one in fields(kind) if one.name not in _DRAWN]
+    # the sample is drawn again from its seed
+    return [one.name for one in fields(kind) if one.name not in ("deviations", "lattice")]
 
 
 # -- paths of loads that end early -----------------------------------------------------------------------------------
