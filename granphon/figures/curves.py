@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from granphon.figures.scales import add_legend, name_axis, scale_axis, styled_figure
 
@@ -33,7 +33,6 @@ from granphon.balls.lattices import find_lattice
 from granphon.balls.loads import force_of_frame
 from granphon.balls.packing import Packing
 from granphon.base.errors import FigureError, InputError, brief
-from granphon.base.quantities import LOAD_KINDS
 from granphon.base.results import restore
 from granphon.base.scales import HertzPrefix, write_uncertain
 from granphon.base.text import closest
@@ -55,11 +54,7 @@ from granphon.media.simulation import DirectSimulation
 from granphon.observables.catalogue import CATALOGUE, axis_label
 from granphon.phonons.bands import Bands
 from granphon.phonons.dos import DensityOfStates
-from granphon.runs.dataset import find_dataset, list_finite_overlap, tabulate
-
-if TYPE_CHECKING:
-    from granphon.runs.dataset import Dataset
-
+from granphon.runs.dataset import Dataset, find_dataset, find_load, list_finite_overlap, tabulate
 
 #: how measured points are drawn
 _DATA_STYLE: dict[str, Any] = {
@@ -294,11 +289,6 @@ def _make_remarks(curves: Sequence[Curve]) -> list[Line2D]:
 
 
 # -- the curves of a data set
-
-
-def find_load(dataset: Dataset) -> str:
-    """Return the name of the load that was given: a coordinate along the loads."""
-    return next((str(name) for name in LOAD_KINDS if name in dataset.coords and dataset[name].dims == ("load",)), "force")
 
 
 def read_values(dataset: Dataset, name: str, run: str = "") -> Any:

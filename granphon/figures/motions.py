@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from granphon.figures.scales import MOTION, add_bar, add_legend, draw_balls, styled_figure
 
@@ -16,10 +16,8 @@ from granphon.base.errors import InputError, brief
 from granphon.base.scales import HertzPrefix, prefixed
 from granphon.figures.style import BLUE, COLOURS, PAGE_WIDTH, pick_evenly, print_hertz
 from granphon.figures.waves import choose_states
+from granphon.runs.dataset import Dataset
 from granphon.waves.motion import Motion
-
-if TYPE_CHECKING:
-    from granphon.runs.dataset import Dataset
 
 Array = NDArray[np.float64]
 Show = Literal["velocities", "forces"]

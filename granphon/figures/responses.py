@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from granphon.figures.scales import SPECTRUM, add_bar, add_legend, scale_axis, styled_figure
 
@@ -19,20 +19,17 @@ from numpy.typing import NDArray
 
 from granphon.base.errors import InputError
 from granphon.base.scales import HertzPrefix
-from granphon.figures.curves import describe_lines, find_load
+from granphon.figures.curves import describe_lines
 from granphon.figures.style import BLUE, COLOURS, GUIDE, VERMILION, pick_evenly, print_hertz
 from granphon.figures.waves import choose_states
 from granphon.figures.words import find_differing
 from granphon.fits.transfer import DampingFit
 from granphon.observables.catalogue import CATALOGUE, axis_label
 from granphon.phonons.complex_bands import ComplexBands
+from granphon.runs.dataset import Dataset, find_load
 from granphon.waves.response import QUANTITIES, Response
 from granphon.waves.settings import RESPONSES
 from granphon.waves.transmission import Transmission
-
-if TYPE_CHECKING:
-    from granphon.runs.dataset import Dataset
-
 
 Array = NDArray[np.float64]
 #: number of receivers up to which each has a colour and an entry of the legend

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from granphon.figures.scales import (
     MOTION,
@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from granphon.base.errors import InputError
 from granphon.base.scales import HertzPrefix
 from granphon.figures.bands import name_corners
-from granphon.figures.curves import describe_lines, find_load
+from granphon.figures.curves import describe_lines
 from granphon.figures.style import (
     BLUE,
     COLOURS,
@@ -46,14 +46,11 @@ from granphon.figures.style import (
 from granphon.figures.words import find_differing, write_value
 from granphon.networks.network import ContactNetwork
 from granphon.phonons.surfaces import SurfaceBranches, SurfaceSpectrum
+from granphon.runs.dataset import Dataset, find_load
 from granphon.waves.dos import SpectralDensity
 from granphon.waves.path_spectra import PathSpectra
 from granphon.waves.pulses import Pulse
 from granphon.waves.spectral_functions import SpectralFunction
-
-if TYPE_CHECKING:
-    from granphon.runs.dataset import Dataset
-
 
 Array = NDArray[np.float64]
 #: ratio of the darkest to the lightest shade of a spectral function

@@ -56,6 +56,8 @@ from granphon.runs.workers import packages
 if TYPE_CHECKING:
     from xarray import DataArray
     from xarray import Dataset as Dataset
+else:
+    Dataset = Any  # what only names the type does not load xarray
 
 
 Array = NDArray[Any]
@@ -257,6 +259,11 @@ def find_dataset(result: Any) -> Dataset | None:
     return found if hasattr(found, "data_vars") and "valid" in found else None
 
 
+def find_load(dataset: Dataset) -> str:
+    """Return the name of the load that was given: a coordinate along the loads."""
+    return next((str(name) for name in LOAD_KINDS if name in dataset.coords and dataset[name].dims == ("load",)), "force")
+
+
 def list_finite_overlap(dataset: Dataset) -> list[bool]:
     """Return for each medium of a sweep whether its states have finite overlap; False where a data set does not tell."""
     everywhere, labels = bool(dataset.attrs.get("finite_overlap", 0)), np.atleast_1d(dataset["medium"].values).astype(str)
@@ -443,7 +450,7 @@ def write_waves(dataset: Dataset, path: Path) -> None:
 
 def _write_rows(dataset: Dataset, path: Path, dims: Sequence[Any], columns: Sequence[Any]) -> None:
     """Write a row for each point of the grid of ``dims``: load, medium and parameters, then the ``columns``, all digits."""
-    load, own = next(name for name in LOAD_KINDS if name in dataset.coords), dataset["valid"].dims
+    load, own = find_load(dataset), dataset["valid"].dims
     names = [load, *own[1:], *columns]
     grid = dataset["valid"].broadcast_like(dataset[names[len(own) :]])
     headings = [Heading(str(name), dataset[name].attrs.get("units", "")) for name in names]
@@ -607,7 +614,7 @@ class SweepAccessor:
                 meant = closest(one, map(str, data.variables))
                 raise InputError(f"the data set has no {one!r}", mend=f"Did you mean {meant!r}?" if meant else "")
         values = data[name]
-        loads = data[over] if over else _find_load(data)
+        loads = data[over or find_load(data)]
         if "load" not in values.dims or data.sizes["load"] < 3:
             raise InputError("an exponent needs three loads or more", mend="Sweep more loads")
         x, y = (one.transpose("load", ...).values.astype(float) for one in (loads, values))
@@ -626,11 +633,6 @@ class SweepAccessor:
         import granphon
 
         return granphon.fit_width(self.packing, force, velocity, *more, **options)
-
-
-def _find_load(data: Dataset) -> Any:
-    """Return the coordinate that the loads were given by."""
-    return next(data[name] for name in ("force", "pressure", "overlap", "stress", "strain") if data[name].dims == ("load",))
 
 
 def _slopes(x: Any, y: Any) -> Any:

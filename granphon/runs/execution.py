@@ -16,7 +16,7 @@ from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future,
 from contextlib import suppress
 from itertools import chain
 from queue import Empty, SimpleQueue
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from granphon.base.errors import GranphonError, OutputError
 from granphon.base.progress import Progress, Step, silent
@@ -32,34 +32,34 @@ MOST_LOSSES = 3
 _LOOK_SECONDS = 2.0
 
 
-class Task(Protocol):
-    """A piece of work, in one step or more."""
+class Task:
+    """A piece of work, in one step or more.
 
-    @property
-    def name(self) -> str:
-        """Name under which the result is kept: one line, not empty; no task with another result has it."""
+    ``name`` is that under which the result is kept: one line, not empty; no task with another result has it. ``where`` names
+    the task in messages. Tasks of one ``kind`` take similar times.
+    """
 
-    @property
-    def where(self) -> str:
-        """Name of the task in messages."""
-
-    @property
-    def kind(self) -> str:
-        """Tasks of one kind take similar times."""
+    name: Any
+    where: Any
+    kind: Any
 
     @property
     def memory(self) -> float:
         """Memory that a process needs for the task, about, bytes; 0 if it is little."""
+        return 0.0
 
     @property
     def steps(self) -> int:
         """Number of steps that the task takes."""
+        return 1
 
     def done(self, part: TaskResult) -> int:
         """Return the number of steps that ``part`` contains."""
+        return 1
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
         """Do the next step after ``begun``, or the first, and return both together; after the last step, the result."""
+        raise NotImplementedError
 
 
 class Result(NamedTuple):

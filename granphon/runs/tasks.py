@@ -47,6 +47,7 @@ from granphon.media.state import ContactState
 from granphon.observables.catalogue import Analysis, find_all, warn_of_missing_error
 from granphon.observables.velocities import warn_of_free_branches
 from granphon.phonons.paths import interpolate_path, special_points
+from granphon.runs.execution import Task
 from granphon.runs.store import TaskResult
 from granphon.runs.workers import packages
 from granphon.waves.settings import BandsSettings, SurfaceSettings, WaveSettings
@@ -293,8 +294,8 @@ def label_warnings(labelled: Iterable[tuple[str, str]]) -> list[str]:
 
 
 @dataclass(frozen=True, eq=False)
-class MediumTask:
-    """One medium on one packing at all loads that it serves; ``where`` names the task in messages."""
+class MediumTask(Task):
+    """One medium on one packing at all loads that it serves, which are solved together, in one step."""
 
     where: str
     serving: ServingMedium
@@ -352,15 +353,6 @@ class MediumTask:
         if self.asked.waves is not None:
             out = _add_waves(out, self, load, records)
         return _expand_loads(out, places, size) | _join_marks(parts, [np.arange(size)] * len(parts))
-
-    @property
-    def steps(self) -> int:
-        """Number of steps: one, as all loads are solved together."""
-        return 1
-
-    def done(self, part: TaskResult) -> int:
-        """Return the number of steps that a result contains."""
-        return 1
 
     def state(self, load: Load) -> ContactState:
         """Return the state under ``load``, all or some of the loads of the task."""

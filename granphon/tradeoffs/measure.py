@@ -26,12 +26,13 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, lru_cache, partial
 from itertools import compress
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
+from typing import Any, ClassVar, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import TOUCH, select_once, steps_within
+from granphon.balls.diameters import Spread
 from granphon.balls.distributions import PointShape
 from granphon.balls.hertz import EXPONENT, FREQUENCY_EXPONENT
 from granphon.balls.lattices import TRIANGULAR, Lattice
@@ -54,14 +55,10 @@ from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveM
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState, ideal_lattice
 from granphon.observables.velocities import local_exponent, sound_velocities
-from granphon.runs.execution import solve_all
+from granphon.runs.execution import Task, solve_all
 from granphon.runs.store import Store, TaskResult
 from granphon.runs.tasks import to_json
 from granphon.runs.workers import packages
-
-if TYPE_CHECKING:
-    from granphon.balls.diameters import Spread
-
 
 Array = NDArray[np.float64]
 #: quantities that are averaged, and whose errors are measured: velocities of long waves, and the scale of frequencies
@@ -692,7 +689,7 @@ class _BudgetError(Exception):
 
 
 @dataclass(frozen=True, eq=False)
-class _StudyTask:
+class _StudyTask(Task):
     """A study with the time that it may take, s, as a task; its result holds the points as JSON texts, and its time."""
 
     study: MediaStudy
@@ -700,15 +697,8 @@ class _StudyTask:
     seconds: float
     runs: int
     progress: Progress = silent
-
-    steps: ClassVar[int] = 1
-    memory: ClassVar[float] = 0.0
-
-    where: ClassVar[str] = "study of media"
-    kind: ClassVar[str] = where
-
-    def done(self, part: TaskResult) -> int:
-        return 1
+    where: str = "study of media"
+    kind: str = where
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
         """Measure the points of the study in a part of its time, from now on, and find its reference in the rest."""
