@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,23 +28,33 @@ from granphon.base.tables import table_text
 from granphon.base.text import dump_yaml, versions
 from granphon.base.validation import real_array, require, texts, truth
 from granphon.fits.measurements import Measurements
-from granphon.fits.velocity_model import VARIABLE, VelocityModel, Waves, require_parameters
+from granphon.fits.velocity_model import VARIABLE, VelocityModel, Waves
 from granphon.media.choice import MediumChoice
 from granphon.observables.validity import validity
 
 Array = NDArray[np.float64]
 #: a result whose probability is below this, or for chi-squared also above 1 minus this, is not explained by chance
 _LEAST_CHANCE = 1e-3
+#: one datum is judged by the given sigma, not by the scatter, if the chi-squared of the others has at least this probability
+_CHANCE_OF_AGREEMENT = 0.05
+#: a datum of more than this leverage decides the fit almost alone
+_DECIDING_LEVERAGE = 0.9
 #: standard errors above this part of their parameter are beyond linear theory
 LARGE_ERROR = 0.5
+#: scatter below this part of the rounding of the data tells nothing
+_SCATTER_OF_ROUNDING = 0.1
 #: data count as not rounded if their last decimal is below this part of the largest of them
 _FINEST_ROUNDING = 1e-11
 #: f* at the least force of the data for the narrowest width that is tried: disorder has no effect there
 _NARROWEST_AT = 1e4
 #: f* at the greatest force of the data for the widest width that is tried
 _WIDEST_AT = 1e-2
+#: widths that are tried for each factor of ten
+_TRIALS_PER_DECADE = 2
 #: relative error of a model's velocities; a sigma below this part of a velocity, or above its inverse, is a mistake
 _MODEL_ERROR = 1e-12
+#: a pulse whose frequency is above this part of the highest of its branch counts as near the end of the branch
+_NEAR_TOP = 0.98
 #: geometric mean of velocities, over those of equal balls, below which, or above whose inverse, units are taken for wrong:
 #: no array in which a width can be found is so slow, and a unit off by a thousand is beyond it
 _LEAST_RATIO = 0.03
@@ -58,6 +68,8 @@ _MOST_SIMULATED = 12
 _NO_EFFECT = 1e-9
 #: what to do where the data do not determine the parameters
 _MEASURE = "Measure more precisely, over a wider range of force, or fit fewer parameters"
+#: keys that stand in fit.yaml before the fields of the fit; they are ignored when a fit is read
+_HEAD = ("versions", "medium", "width", "stderr", "std", "std_stderr", "p")
 
 
 def compute_probability(chi2: float, dof: int) -> float:
@@ -155,7 +167,7 @@ def find_warnings(problem: FitProblem, logs: Array, errors: Array, given: bool, 
             out.append(f"{where}, {by}: {why}. {mend}")
     # a datum that alone decides the fit
     most = int(np.argmax(leverages))
-    if dof and leverages[most] > 0.9:
+    if dof and leverages[most] > _DECIDING_LEVERAGE:
         out.append(
             f"{describe(most)} decides the fit almost alone: its leverage is {leverages[most]:.4g}, and cannot be above 1"
         )
@@ -165,8 +177,8 @@ def find_warnings(problem: FitProblem, logs: Array, errors: Array, given: bool, 
         farthest = int(np.argmax(r))
         distance = float(r[farthest])
         others = max(chi2 - distance**2, 1e-12)  # chi-squared of the others about a fit of their own
-        if given and compute_probability(others, dof - 1) >= 0.05:
-            one = float(ndtr(-distance))  # the others agree with the given sigma
+        if given and compute_probability(others, dof - 1) >= _CHANCE_OF_AGREEMENT:
+            one = float(ndtr(-distance))
         else:  # judged by the scatter of the others: Student's distribution
             distance *= math.sqrt((dof - 1) / others)
             one = float(stdtr(dof - 1, -distance))
@@ -232,7 +244,7 @@ class FitProblem:
         force, packing = self.model.force, self.model.packing
         units = np.array([np.min(force) / _NARROWEST_AT, np.max(force) / _WIDEST_AT])
         low, high = packing.law.overlap(units)
-        count = math.ceil(2 * math.log10(high / low)) + 1  # two for each factor of ten
+        count = math.ceil(_TRIALS_PER_DECADE * math.log10(high / low)) + 1
         return np.unique(np.append(np.geomspace(low, high, count), max(packing.width, low)))
 
     def __call__(self, logs: Array) -> tuple[Array, Array]:
@@ -297,7 +309,7 @@ def find_best(problem: FitProblem) -> tuple[FitProblem, Array]:
     if effect < _NO_EFFECT:
         what = f"in the medium {model.choice.label!r} sound does not depend on the width of this spread"
         if model.packing.structure.periods == 1:
-            raise InputError(what, "On a line all contacts carry the same force", "Fit other parameters")
+            raise InputError(what, "On a line all contacts carry the same force", "Fit young_modulus without the width")
         raise InputError(what, mend="Use another medium, such as ema, and a spread that has a shape")
     squares.append(math.inf)
     low = [start for i, start in enumerate(starts, 1) if squares[i] <= min(squares[i - 1], squares[i + 1])]
@@ -359,8 +371,7 @@ def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> Inp
         return InputError(what, why, "Measure at lower forces, or more precisely")
     falling = f"no width fits: the sum of squares still falls at {write_quantity(width, 'm', 3)}"
     tops = None if model.waves.frequency is None else model.find_tops(logs)
-    # pulses near the end of their branch
-    if tops is not None and np.any(model.waves.frequency > 0.98 * tops):
+    if tops is not None and np.any(model.waves.frequency > _NEAR_TOP * tops):
         what = f"{falling}, beyond which the balls do not carry the frequency"
         return InputError(what, model.describe_nearest_to_top(logs), "Check the frequency and the velocities")
     what = f"{falling}, beyond which the medium {model.choice.label!r} cannot be used"
@@ -368,16 +379,9 @@ def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> Inp
     return InputError(what, why, "Check the units of the data, the Young modulus, diameter and density")
 
 
-class Fitted(Result):
-    """What follows from the covariance of the fitted parameters, and from the sum of squares; and the files of a fit.
+class Fitted:
+    """What follows from the covariance of the fitted parameters, and from the sum of squares."""
 
-    Subclasses have units of values in ``_units_of_values``, and columns of fit.csv, numbers by their headings, in
-    ``_columns``; ``_head`` names what stands in fit.yaml before the fields, and is ignored when a fit is read.
-    """
-
-    _head: ClassVar[tuple[str, ...]] = ("p",)
-    _units_of_values: list[str]
-    _columns: dict[str, Any]
     covariance: Array
     sigma_given: bool
     chi2: float
@@ -397,29 +401,9 @@ class Fitted(Result):
         """
         return compute_probability(self.chi2, self.dof) if self.sigma_given else math.nan
 
-    def _field_units(self) -> dict[str, str]:
-        """Return units by name; those of ``values`` are separated by commas, the rows of ``covariance`` by semicolons."""
-        each = self._units_of_values
-        rows = (", ".join(f"{a}^2" if a == b else f"{a} {b}" for b in each) for a in each)
-        return super()._field_units() | {"values": ", ".join(each), "covariance": "; ".join(rows)}
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Build a fit from plain data, SI; the keys that stand in fit.yaml before the fields are ignored."""
-        mapping = isinstance(data, Mapping)
-        return super().from_dict({n: v for n, v in data.items() if n not in ("versions", *cls._head)} if mapping else data)
-
-    def write(self, folder: str | os.PathLike[str]) -> None:
-        """Write fit.yaml, the whole fit, and fit.csv, the data with the fit, into a folder, which is made if need be."""
-        head = {"versions": versions("numpy", "scipy")} | {name: getattr(self, name) for name in self._head}
-        write_text(Path(folder) / "fit.yaml", dump_yaml(head | self.to_dict()))
-        columns = self._columns
-        text = table_text(columns, np.stack(list(columns.values()), axis=1).tolist())
-        write_text(Path(folder) / "fit.csv", text)
-
 
 @dataclass(frozen=True, eq=False, repr=False)
-class WidthFit(Fitted):
+class WidthFit(Fitted, Result):
     """Parameters of a packing that fit measured velocities, and how well they are known.
 
     Attributes
@@ -449,7 +433,6 @@ class WidthFit(Fitted):
     }  # fmt: skip
 
     _notebook_fields = ("width", "stderr")
-    _head = ("medium", "width", "stderr", "std", "std_stderr", "p")
 
     packing: Packing
     choice: MediumChoice
@@ -525,27 +508,40 @@ class WidthFit(Fitted):
             return model.settle_geometry(start)(start)[0].reshape(forces.shape)[()]
         return waves.velocity(choice.of(self.packing).at_force(force, finite_overlap=waves.finite_overlap))[0][()]
 
-    @property
-    def _units_of_values(self) -> list[str]:  # type: ignore[override]
-        return [PARAMETERS[name] or "1" for name in self.parameters]
+    def _field_units(self) -> dict[str, str]:
+        """Return units by name; those of ``values`` are separated by commas, the rows of ``covariance`` by semicolons."""
+        each = [PARAMETERS[name] or "1" for name in self.parameters]
+        rows = (", ".join(f"{a}^2" if a == b else f"{a} {b}" for b in each) for a in each)
+        return super()._field_units() | {"values": ", ".join(each), "covariance": "; ".join(rows)}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """Build a fit from plain data, SI; the keys that stand in fit.yaml before the fields are ignored."""
+        mapping = isinstance(data, Mapping)
+        return super().from_dict({n: v for n, v in data.items() if n not in _HEAD} if mapping else data)
 
     def _check(self) -> None:
         """Check the fields, and that the parameters can be fitted; raise InputError otherwise."""
         super()._check()
-        require_parameters(self.parameters, VARIABLE)
+        if unknown := set(self.parameters) - set(VARIABLE):
+            raise InputError(f"{', '.join(sorted(unknown))} cannot be fitted", mend="Use " + ", ".join(VARIABLE))
 
-    @property
-    def _columns(self) -> dict[str, Any]:  # type: ignore[override]
+    def write(self, folder: str | os.PathLike[str]) -> None:
+        """Write fit.yaml, the whole fit, and fit.csv, the data with the fit, into a folder, which is made if need be."""
+        numbers = {name: getattr(self, name) for name in _HEAD[2:]}
+        head = {"versions": versions("numpy", "scipy"), "medium": self.medium, **numbers}
+        write_text(Path(folder) / "fit.yaml", dump_yaml(head | self.to_dict()))
         columns = {
             "force (N)": self.force, "velocity (m/s)": self.velocity, "sigma (m/s)": self.sigma,
             "fit (m/s)": self.velocities, "residual (m/s)": self.residuals,
         }  # fmt: skip
         if self.waves.frequency is not None:
             columns["frequency (Hz)"] = np.broadcast_to(self.waves.frequency, self.force.shape)
-        return columns
+        text = table_text(columns, np.stack(list(columns.values()), axis=1).tolist())
+        write_text(Path(folder) / "fit.csv", text)
 
 
-#: files of a fit: those of :meth:`Fitted.write`, and its figure
+#: files of a fit: those of :meth:`WidthFit.write`, and its figure
 FIT_FILES = ("fit.yaml", "fit.csv", "fit.png")
 
 
@@ -641,8 +637,7 @@ def fit_width(
     if np.any(errors > 1.0) or np.any(np.abs(step) > 1e-3 * scatter * errors + 1e-9):
         raise explain_undetermined(problem, logs, errors)
     fitted, values = problem.model.fit_packing(logs), np.exp(logs)
-    # scatter below a tenth of the rounding of the data tells nothing
-    known = given or float(problem.sigma[0]) >= 0.1 * find_rounding(data.velocity)
+    known = given or float(problem.sigma[0]) >= _SCATTER_OF_ROUNDING * find_rounding(data.velocity)
     warnings = find_warnings(problem, logs, errors, given, known)
     covariance = covariance if known else np.full(covariance.shape, np.nan)
     # the validity of a simulation is decided at the least and the greatest force

@@ -15,7 +15,7 @@ the torsion of a Hertz contact. The curve is then that of one packing, and the f
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -181,17 +181,6 @@ def _make_even(packing: Packing, force: Array, finite_overlap: bool) -> ContactS
     return AveragedLattice(packing).at_force(force, finite_overlap=finite_overlap)
 
 
-def require_parameters(names: tuple[str, ...], known: Iterable[str]) -> None:
-    """Raise :class:`InputError` unless ``names`` are one or more of the ``known`` parameters, each once."""
-    for name in names:
-        if name not in (every := list(known)):
-            meant = closest(str(name), every)
-            mend = f"Did you mean {meant}?" if meant else "Use " + ", ".join(every)
-            raise InputError(f"{name!r} cannot be fitted", mend=mend)
-    if not names or len(set(names)) < len(names):
-        raise InputError(f"the parameters are {names}", mend="Give one or more, each at most once")
-
-
 @dataclass(frozen=True)
 class VelocityModel:
     """Velocities at given forces (n,) in a medium, as a function of the logarithms of some parameters of the packing.
@@ -210,7 +199,14 @@ class VelocityModel:
     curve_at: Array | None = None
 
     def __post_init__(self) -> None:
-        require_parameters(self.names, VARIABLE)
+        for name in self.names:
+            if name not in VARIABLE:
+                meant = closest(str(name), VARIABLE)
+                mend = f"Did you mean {meant}?" if meant else "Use " + ", ".join(VARIABLE)
+                raise InputError(f"{name!r} cannot be fitted", mend=mend)
+        if not self.names or len(set(self.names)) < len(self.names):
+            what = f"the parameters are {self.names}"
+            raise InputError(what, mend="Give one or more, each at most once")
         if self.waves.finite_overlap:
             no_simulation([self.choice])
         self.choice.of(self._sampled if self.choice.is_exact else self.packing)
