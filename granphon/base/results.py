@@ -126,7 +126,8 @@ class Result:
             elif isinstance(value, np.ndarray):
                 if value.ndim == 0:
                     object.__setattr__(self, name, value.item())
-                elif value.flags.writeable or value.base is not None:  # a view would change with the array behind it
+                elif value.flags.writeable or not (value.base is None or isinstance(value, np.memmap)):
+                    # a view would change with the array behind it; what stays in a file is read as it is used
                     object.__setattr__(self, name, read_only(value))
 
     def __eq__(self, other: object) -> bool:

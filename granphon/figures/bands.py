@@ -169,7 +169,8 @@ def plot_bands(
 
     A LineCollection for each segment of the path and each branch: piece i runs through point i of the segment, and its
     colour is that of the point. Where branches coincide the lower one is drawn wider, so that all remain visible. Without
-    friction nothing rotates: the colour is then the longitudinal fraction.
+    friction nothing rotates: the colour is then the longitudinal fraction. Bands without eigenvectors have one colour, and
+    branches that cross are not followed.
 
     Parameters
     ----------
@@ -182,12 +183,14 @@ def plot_bands(
     colorbar : whether to draw the colour bar, above the axes.
     """
     unit = _choose_unit(bands) if unit is None else unit
-    part, colours, words = (
-        (bands.rotational_fraction, ROTATION, "Rotational") if bands.motions.rotate
-        else (bands.longitudinal_fraction, POLARISATION, "Longitudinal")
-    )  # fmt: skip
-    values, scale = bands.connected_frequencies / unit.hertz, Normalize(0.0, 1.0)
-    fraction = np.take_along_axis(part, bands.connection, 2)
+    values, scale, plain = bands.frequencies / unit.hertz, Normalize(0.0, 1.0), bands.eigenvectors is None and not edges
+    if not plain:
+        part, colours, words = (
+            (bands.rotational_fraction, ROTATION, "Rotational") if bands.motions.rotate
+            else (bands.longitudinal_fraction, POLARISATION, "Longitudinal")
+        )  # fmt: skip
+        values = bands.connected_frequencies / unit.hertz
+        fraction = np.take_along_axis(part, bands.connection, 2)
     if edges:  # not connected: coinciding waves of two edges are not told apart by the eigenvectors that connect branches
         values, weight = bands.frequencies / unit.hertz, bands.edge_weight
         mixed = np.array([to_rgb(one) for one in _EDGES])
@@ -206,7 +209,9 @@ def plot_bands(
             middle = 0.5 * (points[:-1] + points[1:])  # the line is cut half way between its points
             ends = np.vstack([points[:1], middle]), np.vstack([middle, points[-1:]])
             pieces = list(np.stack([ends[0], points, ends[1]], axis=1))
-            shades: dict[str, Any] = {"array": fraction[s, :, b], "cmap": colours, "norm": scale}
+            shades: dict[str, Any] = (
+                {"colors": BLUE} if plain else {"array": fraction[s, :, b], "cmap": colours, "norm": scale}
+            )
             if edges:
                 shades = {"colors": paint[s, :, b].clip(0.0, 1.0), "zorder": 2.0 + weight[s, :, b].sum(axis=-1).max()}
             lines = LineCollection(pieces, linewidths=widths[:, b], capstyle="round", gid=f"band-{s}-{b}", **shades)
@@ -230,7 +235,7 @@ def plot_bands(
     if edges:
         for name, colour in zip(("lower edge", "upper edge", "inside"), _EDGES, strict=True):
             ax.plot([], [], color=colour, label=name)
-    elif colorbar:
+    elif colorbar and not plain:
         add_part_bar(ax, colours, f"{words} part of the kinetic energy")
     return ax
 

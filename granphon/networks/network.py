@@ -508,15 +508,12 @@ class ContactNetwork(Result):
         size, held = int(np.count_nonzero(~still)), bool(np.any(still))
         name, rings = np.where(still, size, np.cumsum(~still) - 1), np.eye(p, dtype=np.intp)[: p * held]
         one, other = (np.append(name[end], np.full(len(rings), size)) for end in (i, j))
+        loose = self.rattlers.size
         require_joined(
-            one,
-            other,
-            np.concatenate([inner[:, :p], rings]),
-            size + held,
-            p,
-            "the cut network",
-            mend="Give more layers",
-        )
+            one, other, np.concatenate([inner[:, :p], rings]), size + held, p, "the cut network",
+            f"Of its balls {loose} in each cell carry no load and hang on nothing" if loose else "",
+            "Leave them out: network.without_rattlers()" if loose else "Give more layers",
+        )  # fmt: skip
         cell = np.zeros((3, 3))
         cell[:p, :d] = cut.cell
         floors = (RIGID_PLANE.name,) * (len(still) - count * self.n_balls)

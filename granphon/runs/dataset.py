@@ -9,6 +9,7 @@ are the attributes ``units`` of the variables, which ``dataset.pint.quantify()``
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import os
 import subprocess
@@ -36,7 +37,6 @@ from granphon.media.arrangement import Balls
 from granphon.media.left_out import EXACT, LATTICE
 from granphon.observables.catalogue import CATALOGUE, Analysis, entry_of
 from granphon.runs.execution import solve_all
-from granphon.runs.netcdf import MOST_BYTES, netcdf_bytes, open_bytes
 from granphon.runs.store import Store, TaskResult
 from granphon.runs.tasks import (
     INCOMPLETE,
@@ -88,6 +88,8 @@ print("good")
 """
 #: text behind the data of a file; the sha256 digest of all bytes before this text follows, in hexadecimal digits
 _TRAILER = b"\ngranphon sha256 of all bytes before: "
+#: size of the largest file that is read, and of the largest data set in one, bytes: a sweep may hold many bands
+_MOST_BYTES = 2_000_000_000
 #: length of that text with its digest, bytes
 _TRAILER_BYTES = len(_TRAILER) + 64
 #: variables above zero, and those that may also be zero; all are finite, but for the next two
@@ -397,6 +399,46 @@ def file_names(path: Path) -> list[str]:
     return [path.name, path.with_suffix(".csv").name]
 
 
+def netcdf_bytes(dataset: Dataset) -> bytes:
+    """Return the bytes of a netCDF file of the data set, made in memory because HDF5 does not survive a full disk."""
+    with needing("A netCDF file"):
+        from h5netcdf import File  # type: ignore[import-untyped]
+        from xarray.backends import H5NetCDFStore
+
+    stream = io.BytesIO()
+    with File(stream, "w") as file:
+        # without this, xarray declares nan to be the mark of missing values
+        dataset.dump_to_store(H5NetCDFStore(file), encoding={name: {"_FillValue": None} for name in dataset.variables})
+    return stream.getvalue()
+
+
+def open_bytes(data: bytes) -> Dataset:
+    """Read the data set of a netCDF file that is given as bytes into memory.
+
+    Raises ValueError if the file refers to other files or would fill the memory, and whatever HDF5, h5netcdf and xarray
+    raise.
+    """
+    with needing("A netCDF file"):
+        import h5py
+        from xarray import open_dataset
+
+    def check(_: str, item: Any) -> None:
+        group = isinstance(item, h5py.Group)
+        if group and any(isinstance(item.get(key, getlink=True), h5py.ExternalLink) for key in item):
+            raise ValueError("it refers to another file")
+        if isinstance(item, h5py.Dataset) and (item.external or item.is_virtual):
+            raise ValueError("it refers to another file")
+
+    stream = io.BytesIO(data)
+    with h5py.File(stream, "r") as file:
+        check("/", file)
+        file.visititems(check)
+    with open_dataset(stream, engine="h5netcdf") as dataset:
+        if dataset.nbytes > _MOST_BYTES:
+            raise ValueError(f"it unpacks to more than {_MOST_BYTES // 1_000_000} MB")
+        return dataset.load()
+
+
 def write_sweep(dataset: Dataset, path: Path) -> None:
     """Write the netCDF file ``path``, and the table of the same name beside it.
 
@@ -471,7 +513,7 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
     -----
     UnverifiedFileWarning : the file carries no digest.
     """
-    raw = read_bytes(path, MOST_BYTES)
+    raw = read_bytes(path, _MOST_BYTES)
     body, trailer = raw[:-_TRAILER_BYTES], raw[-_TRAILER_BYTES:]
     sound = trailer.startswith(_TRAILER)
     if sound and trailer != _TRAILER + hashlib.sha256(body).hexdigest().encode():

@@ -91,7 +91,7 @@ def read_entries(path: str | os.PathLike[str]) -> Iterator[tuple[str, TaskResult
 
 
 class Store:
-    """The results of finished tasks and steps, by name: in one file, or in memory if ``path`` is None.
+    """The results of finished parts of a sweep or trade-off, by name: in one file, or in memory if ``path`` is None.
 
     The file is made when the first result is kept; its folder must exist, and be locked by the caller against other
     writers. It belongs to one work, see :meth:`claim`; ``force`` lets another work discard its results.

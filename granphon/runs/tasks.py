@@ -435,7 +435,7 @@ class MediumTask(Task):
 
         for index in range(self.load.size):
             try:
-                one = state if state.is_single else getattr(state, "source", state)[index]  # a crystal knows its law
+                one = state if state.is_single else state[index]
                 records.append(SampleRecord(of_waves=record_networks(one, self.asked.waves, whole)))
             except GranphonError as error:
                 if self.asked.alone:

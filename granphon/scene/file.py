@@ -235,6 +235,11 @@ FIELDS: tuple[Field, ...] = (
     _wave("motion.damping", "viscosity of a contact over its stiffness; of normal and of other motion in a list", "`0 s`"),
     _wave("motion.frames", "number of times that are kept, the start and the end among them", "`201`"),
     _wave("motion.step", "step of time, of which a frame has a whole number", "as the stiffest contact allows"),
+    _wave(
+        "motion.geometry", "`lattice`: contacts keep their directions; `exact`: balls may go anywhere, and meet others",
+        "`lattice`",
+    ),
+    _wave("motion.scheme", "steps: `verlet`, explicit; `midpoint`, implicit, which keep the sum of energies", "`verlet`"),
     *_network("motion"),
     _wave("bands.damping", "viscosity of a contact over its stiffness, of damped bands; as of `response`", "`0 s`"),
     _wave("bands.loss_factor", "loss factor of a contact; as of `response`", "`0`"),

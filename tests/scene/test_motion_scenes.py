@@ -123,6 +123,22 @@ def test_a_single_state_has_its_balls_tables_and_a_figure(tmp_path):
     assert gp.Scene.from_yaml(tmp_path / "scene.yaml") == one
 
 
+def test_balls_that_may_go_anywhere_by_steps_that_keep_the_energy(tmp_path):
+    """Block ``motion`` reaches the true directions and the implicit scheme; both are those of the call."""
+    text = PLANE.replace("frames: 21", "frames: 5\n  geometry: exact\n  scheme: midpoint")
+    one = scene(text, DRIVE="{balls: 2, impact: 2 m/s, direction: 0 1}")
+    result = one.run(tmp_path, figures=False)
+    network = one.state().network.repeat((5, 1)).cut(1, 4, ("floor", "free"))
+    velocities = np.zeros((network.n_balls, 3))
+    velocities[2, 1] = 2.0
+    waves = gp.NonlinearWaves(network, friction_coefficient=0.3, damping=1e-6, geometry="exact")
+    assert result.waves.motion == waves.run(4e-5, velocities=velocities, frames=5, scheme="midpoint")
+    numbers = result.summary()
+    kept = sum(numbers[f"energy_{name}"] for name in ("translation", "rotation", "stored", "lost"))
+    assert_allclose(kept, numbers["energy_supplied"], rtol=1e-9)
+    assert gp.Scene.from_text(one.to_yaml()) == one
+
+
 def test_a_sweep_has_the_numbers_of_single_runs(tmp_path):
     loads = chain("[1 N, 20 N]", 30, "0.1 m/s", "0.5 ms", 401)
     data = loads.run(tmp_path).dataset
@@ -245,6 +261,8 @@ def test_drives_that_are_refused(drive, said, tmp_path):
         (("friction_coefficient: 0.3", "friction_coefficient: -1"), "zero or above"),
         (("axis: 1, layers: 4", "axis: 7, layers: 4"), "axis"),
         (("repeat: 5 1\n", "repeat: 0 1\n"), "from 1"),
+        (("frames: 21", "geometry: true"), "lattice, exact"),
+        (("frames: 21", "scheme: euler"), "verlet, midpoint"),
     ],
 )
 def test_what_is_refused(change, said, tmp_path):
