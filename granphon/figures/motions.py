@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from granphon.figures.scales import MOTION, add_bar, add_legend, draw_balls, styled_figure
 
@@ -97,14 +97,19 @@ def plot_snapshot(motion: Motion, ax: Axes, frame: int = -1, *, most: float | No
     """
     if not -len(motion.times) <= frame < len(motion.times):
         raise InputError(f"the motion has no frame {frame}", mend=f"Give 0 to {len(motion.times) - 1}")
-    speeds = np.linalg.norm(motion.velocities[frame], axis=1)
-    most = max(float(speeds.max()) if most is None else most, 1e-300)
-    scale, unit = prefixed(most, "m/s")
-    drawn = draw_balls(motion.network, speeds / scale, ax, "magma_r", Normalize(0.0, most / scale))
-    add_bar(ax, drawn, f"Speed ({_write(unit)})")
-    seconds, time = prefixed(float(motion.times[-1]), "s")
-    ax.set_title(f"{motion.times[frame] / seconds:.3g} {_write(time)}")
+    most = float(np.linalg.norm(motion.velocities[frame], axis=1).max()) if most is None else most
+    drawn, label = _draw_speeds(motion, ax, frame, max(most, 1e-300))
+    add_bar(ax, drawn, label)
     return ax
+
+
+def _draw_speeds(motion: Motion, ax: Axes, frame: int, most: float) -> tuple[Any, str]:
+    """Draw the balls at a frame; return what a bar belongs to, and its label."""
+    (scale, unit), (seconds, time) = prefixed(most, "m/s"), prefixed(float(motion.times[-1]), "s")
+    speeds = np.linalg.norm(motion.velocities[frame], axis=1) / scale
+    drawn = draw_balls(motion.network, speeds, ax, "magma_r", Normalize(0.0, most / scale))
+    ax.set_title(f"{motion.times[frame] / seconds:.3g} {_write(time)}")
+    return drawn, f"Speed ({_write(unit)})"
 
 
 def plot_ball_spectrum(motion: Motion, ax: Axes, ball: int, *, axis: int = 0) -> Axes:
@@ -157,13 +162,10 @@ def motion_figure(motion: Motion, *, show: Show | None = None, axis: int | None 
     most = max(_DARKEST * float(speeds[frames].max()), 1e-300)
     with styled_figure(2.3, PAGE_WIDTH) as figure:
         *shots, last = figure.subplots(1, len(frames) + 1, width_ratios=[1.0] * len(frames) + [1.25])
-        scale, unit = prefixed(most, "m/s")
         for ax, frame in zip(shots, frames, strict=True):
-            balls = np.linalg.norm(motion.velocities[frame], axis=1) / scale
-            drawn = draw_balls(motion.network, balls, ax, "magma_r", Normalize(0.0, most / scale))
-            seconds, time = prefixed(float(motion.times[-1]), "s")
-            ax.set(title=f"{motion.times[frame] / seconds:.3g} {_write(time)}", ylabel="y (mm)" if ax is shots[0] else "")
-        figure.colorbar(drawn, ax=shots, location="bottom", aspect=50, extend="max", label=f"Speed ({_write(unit)})")
+            drawn, label = _draw_speeds(motion, ax, frame, most)
+            ax.set_ylabel("y (mm)" if ax is shots[0] else "")
+        figure.colorbar(drawn, ax=shots, location="bottom", aspect=50, extend="max", label=label)
         plot_energies(motion, last)
     return figure
 

@@ -278,11 +278,7 @@ class Frames:
             self._file.append({name: _pad(before[name][at], np.shape(last)) for name, last in whole.items()})
         self._file.append(whole)
         del before  # some systems do not replace a file that is in use
-        try:
-            os.replace(beside, self._path)
-        except OSError as error:
-            os.remove(beside)
-            raise OutputError(f"{self._path} cannot be written: {error.strerror}") from None
+        os.replace(beside, self._path)
 
     @property
     def _met(self) -> Index:
