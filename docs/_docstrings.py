@@ -36,6 +36,7 @@ ALIASES = {
     "TrueEquilibrium": "granphon.array.equilibrium.Equilibrium",
     "PressedEquilibrium": "granphon.array.equilibrium.Equilibrium",
     "Equilibrium": "granphon.array.equilibrium.Equilibrium",
+    "Plan": "granphon.scene.scene.Scene",
 }
 #: how elements of arrays other than floats are called
 _ELEMENTS = {"int64": "[int]", "bool": "[bool]", "complex128": "[complex]"}

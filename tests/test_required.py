@@ -45,7 +45,7 @@ BANDS = {"band.yaml", "phonopy_params.yaml"}
 
 #: libraries that are not among the costly ones
 LIGHT = (
-    "numpy", "pint", "typer", "yaml", "h5py", "PIL.Image", "pyparsing", "dateutil.parser",
+    "numpy", "typer", "yaml", "h5py", "PIL.Image", "pyparsing", "dateutil.parser",
     "multiprocessing", "concurrent.futures",
 )  # fmt: skip
 
@@ -106,8 +106,8 @@ ASKED: dict[str, tuple[dict[str, int], set[str], set[str]]] = {
     "sweep, auto": ({}, set(), SWEEP),
     "bands": (SPECTRA | {"modes": 1}, PHONOPY, BANDS),
     "bands, no friction": (SPECTRA | {"modes": 1}, PHONOPY, BANDS),
-    "density of states": (SPECTRA | {"modes": 1, "mesh": 1}, PHONOPY, {"dos.csv"}),
-    "bands and density of states": (SPECTRA | {"modes": 2, "mesh": 1}, PHONOPY, {*BANDS, "dos.csv"}),
+    "density of states": ({"modes": 1}, {"ase", "ase.calculators", "spglib"}, {"dos.csv"}),
+    "bands and density of states": (SPECTRA | {"modes": 2}, PHONOPY, {*BANDS, "dos.csv"}),
     "sweep, averaged": ({}, set(), SWEEP),
     "sweep, effective medium": (EMA, NODES, SWEEP),
     "simulation": (BESIDE, SAMPLE | WAVES, {"sample.extxyz"}),

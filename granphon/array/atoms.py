@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.packing import Packing
-from granphon.base.errors import InputError, brief
+from granphon.base.errors import InputError, brief, needing
 from granphon.base.scales import Units
 from granphon.base.text import require_path
 
@@ -203,17 +203,21 @@ def write_extxyz(path: str | Path, atoms: Atoms) -> None:
     """Write Atoms as extended XYZ with every digit; ``ase.io.read`` and OVITO read it.
 
     ASE's own writer keeps eight decimals. For balls of 8 mm that is 0.1 nm in positions, displacements and diameters, and
-    forces depend on differences of these. Results of the calculator are not written. The folder is made if need be. Raises
+    forces depend on differences of these. Masses stand there twice, as ``masses`` for ASE and as ``mass`` for OVITO. Results
+    of the calculator are not written. The folder is made if need be. Raises
     :class:`InputError` if ``atoms`` is not an Atoms or ``path`` is not a path.
     """
-    from ase import Atoms
-    from ase.io.extxyz import output_column_format
+    with needing("A structure file"):
+        from ase import Atoms
+        from ase.io.extxyz import output_column_format
 
     require_path(path)
     if not isinstance(atoms, Atoms):
         raise InputError(f"atoms is {brief(atoms)}", mend="Give an ase.Atoms")
     first = {"symbols": np.array(list(atoms.symbols)), "positions": atoms.positions}
     arrays: dict[str, Any] = first | {name: a for name, a in atoms.arrays.items() if name not in ("numbers", "positions")}
+    if "masses" in arrays:
+        arrays["mass"] = arrays["masses"]
     header, _, _, row = output_column_format(atoms, list(arrays), arrays)
     row = row.replace("%16.8f", "%.17g")
     columns = [column for a in arrays.values() for column in (a.T if a.ndim > 1 else a[None])]

@@ -19,7 +19,7 @@ from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_exactly
 from granphon.balls.contact_table import contact_frames
 from granphon.balls.lattices import BALL
 from granphon.balls.packing import MINDLIN, Packing
-from granphon.base.errors import InputError
+from granphon.base.errors import InputError, needing
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units, WidthUnits
 from granphon.base.validation import whole_number
@@ -274,7 +274,8 @@ class Sample(Result):
         all, and ``contacts``, the number of its contacts that carry load. To ``granphon.HertzMindlin`` of this sample's
         state the balls are at rest.
         """
-        from ase import Atoms
+        with needing("A sample of Atoms"):
+            from ase import Atoms
 
         packing, p = self.packing, self.packing.structure.periods
         d, shape = packing.diameter, self.shape

@@ -197,11 +197,14 @@ def release(rest: Array, rest_root: Array, elongation: Array) -> tuple[Array, Ar
 
     h = y - e. No digits are lost by subtraction.
     """
-    root = np.sqrt(np.maximum(rest - elongation, 0.0))
+    root = rest - elongation
+    np.sqrt(np.maximum(root, 0.0, out=root), out=root)
     total = root + rest_root
-    change = np.maximum(-elongation, -rest)  # of h_+, the product of sum and difference of the roots
-    gap = np.divide(change, total, out=np.zeros_like(total), where=total > 0.0)
-    return gap * (total * total - root * rest_root), gap, root
+    change = -np.minimum(elongation, rest)  # of h_+, the product of sum and difference of the roots
+    gap = np.divide(change, np.maximum(total, _LEAST_NORMAL), out=change)  # both are zero where balls touch before and after
+    total *= total
+    total -= root * rest_root
+    return np.multiply(gap, total, out=total), gap, root
 
 
 def stretch(rest: Array, rest_root: Array, elongation: Array) -> tuple[Array, Array, Array]:

@@ -7,16 +7,17 @@ read here and nowhere else; the rest of granphon computes with plain floats.
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from decimal import Decimal
 from fractions import Fraction
 from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any, Literal
 
-from granphon.base.errors import Refused, needing
+from granphon.base.errors import Refused
 from granphon.base.text import closest, show
 from granphon.base.validation import number
 
@@ -25,19 +26,22 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-#: the units that a scene may use; decimal and exact, so that "8 mm" is the float nearest to 0.008
-_UNIT_DEFINITIONS = """
-pico- = 1e-12 = p-\nnano- = 1e-9 = n-\nmicro- = 1e-6 = u- = µ- = μ-\nmilli- = 1e-3 = m-\ncenti- = 1e-2 = c-
-kilo- = 1e3 = k-\nmega- = 1e6 = M-\ngiga- = 1e9 = G-\ntera- = 1e12 = T-
-meter = [length] = m = metre\nsecond = [time] = s\nminute = 60*second = minutes\nhour = 3600*second = h = hours
-gram = [mass] = g\nkelvin = [temperature] = K
-degree_Celsius = kelvin; offset: 273.15 = degC\nhertz = 1/second = Hz\njoule = newton*meter = J
-newton = kilogram*meter/second**2 = N\npascal = newton/meter**2 = Pa\nbar = 1e5*pascal\natm = 101325*pascal
-inch = 0.0254*meter\nfoot = 0.3048*meter = ft = feet\nyard = 0.9144*meter = yd\nmile = 1609.344*meter = mi
-mile_per_hour = mile/hour = mph\nknot = 1852*meter/hour\nfoot_per_second = foot/second = fps
-percent = 0.01\npound = 453.59237*gram = lb\npound_force = 4.4482216152605*newton = lbf\npsi = pound_force/inch**2
-kilogram_force = 9.80665*newton = kgf\ndyne = 1e-5*newton = dyn\nangstrom = 1e-10*meter = Å\ntonne = 1e6*gram = t
-"""
+#: the units that a scene may use, by their names; exact, so that "8 mm" is the float nearest to 0.008
+_UNITS = {
+    "m": "", "s": "", "g": "", "K": "", "meter metre": "1 m", "second": "1 s", "gram": "1 g",
+    "kelvin degree_Celsius degC": "1 K", "minute": "60 s", "h hour": "3600 s", "Hz hertz": "1 1/s", "% percent": "0.01",
+    "N newton": "1000 g*m/s^2", "Pa pascal": "1 N/m^2", "J joule": "1 N*m", "bar": "1e5 Pa", "atm": "101325 Pa",
+    "inch inches": "0.0254 m", "ft foot feet": "0.3048 m", "yd yard": "0.9144 m", "mi mile": "1609.344 m",
+    "angstrom Å": "1e-10 m", "mph mile_per_hour": "1 mi/h", "knot": "1852 m/h", "fps foot_per_second": "1 ft/s",
+    "t tonne": "1e6 g", "lb pound": "453.59237 g", "lbf pound_force": "4.4482216152605 N", "psi": "1 lbf/inch^2",
+    "kgf kilogram_force": "9.80665 N", "dyn dyne": "1e-5 N",
+}  # fmt: skip
+_NAMES = {name: value for names, value in _UNITS.items() for name in names.split()}
+#: the empty prefix comes first, as "ft" is a foot
+_PREFIXES = {
+    "": 0, "p": -12, "pico": -12, "n": -9, "nano": -9, "u": -6, "µ": -6, "μ": -6, "micro": -6, "m": -3, "milli": -3, "c": -2,
+    "centi": -2, "k": 3, "kilo": 3, "M": 6, "mega": 6, "G": 9, "giga": 9, "T": 12, "tera": 12,
+}  # fmt: skip
 #: regular expression of a number without a unit
 NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 _NUMBER = re.compile(NUMBER)
@@ -49,17 +53,11 @@ _MOST_SIGNS = 100
 _TINY = 1e-200
 _QUANTITY = re.compile(rf"({NUMBER})(\s*)(.*)", re.DOTALL)
 _FACTOR = r"(?:%|[A-Za-zµμÅ_]+)(?:(?:\^|\*\*)?-?[1-9]|[²³])?"
+#: one factor of a unit: what stands before it, its name, and its power
+_FACTORS = re.compile(r"([*/·]?)\s*(%|[A-Za-zµμÅ_]+)(?:\^|\*\*)?(-?[1-9]|[²³])?")
+#: length of a name, from which a last s is that of the plural
+_PLURAL = 3
 _UNIT_PATTERN = re.compile(rf"(?:1/)?{_FACTOR}(?:\s*[*/·]\s*{_FACTOR})*")
-
-
-@cache
-def _make_registry() -> Any:
-    with needing("A number with its unit"):
-        from pint import UnitRegistry
-
-    registry: Any = UnitRegistry(None, non_int_type=Decimal)
-    registry.load_definitions(_UNIT_DEFINITIONS.strip().splitlines())
-    return registry
 
 
 @dataclass(frozen=True)
@@ -170,16 +168,37 @@ def _find_factor(kind: Quantity, unit: str) -> Fraction:
     """The exact factor from a unit to the SI unit of its ``kind``; ValueError says why it is not a unit of that kind."""
     if not _UNIT_PATTERN.fullmatch(unit):
         raise ValueError("which is not one number and one unit")
-    registry, own = _make_registry(), kind.unit.replace("%", "percent")
-    text = unit.replace("·", "*").replace("²", "^2").replace("³", "^3").replace("%", "percent").removeprefix("1/")
-    text = re.sub(r"(?<=[A-Za-zµμÅ])(-?[1-9])", r"^\1", text)
     try:
-        parsed = registry.parse_units("1/" + text if unit.startswith("1/") else text)
-    except Exception:  # pint raises AttributeError, TypeError, ValueError and tokenizer errors of its own
+        (factor, powers), (own, wanted) = _measure(unit), _measure(kind.unit)
+    except KeyError:
         raise ValueError("whose unit is not known") from None
-    if parsed.dimensionality != registry.parse_units(own).dimensionality:
+    if powers != wanted:
         raise ValueError(f"whose unit is not a unit of {kind.name}")
-    return Fraction(registry.Quantity(Decimal(1), parsed).to(own).magnitude)
+    return factor / own
+
+
+def _measure(unit: str) -> tuple[Fraction, Counter[str]]:
+    """The exact factor from a unit to base units (m, s, g, K), and the powers of these; KeyError if a name is not known."""
+    factor, powers = Fraction(1), Counter[str]()
+    for sign, name, power in _FACTORS.findall(unit):
+        times = int({"²": "2", "³": "3"}.get(power, power) or 1) * (-1 if sign == "/" else 1)
+        one, other = _find_unit(name)
+        factor *= one**times
+        for base, count in other.items():
+            powers[base] += count * times
+    return factor, powers  # counters are equal where they differ by zeros alone
+
+
+@cache
+def _find_unit(name: str) -> tuple[Fraction, Counter[str]]:
+    singular = name.removesuffix("s") if len(name) > _PLURAL else name
+    for whole, (prefix, power) in itertools.product(dict.fromkeys((name, singular)), _PREFIXES.items()):
+        own = whole.removeprefix(prefix)
+        if own in _NAMES and whole == prefix + own:
+            times, _, unit = _NAMES[own].partition(" ")
+            factor, powers = _measure(unit) if times else (Fraction(1), Counter([own]))
+            return Fraction(10) ** power * Fraction(times or 1) * factor, powers
+    raise KeyError(name)
 
 
 LENGTH = Quantity("length", "m", "8 mm", "m, cm, mm, um, nm, inch")

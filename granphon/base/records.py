@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import os
 import struct
+import warnings
 from collections.abc import Mapping
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, BinaryIO, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +41,7 @@ class RecordFile:
 
     Parameters
     ----------
+    path : or an open binary file.
     fixed : arrays that do not grow, with the names of their dimensions.
     growing : shapes of the entries of variables that grow, with the names of their dimensions.
     units : of variables.
@@ -49,10 +51,10 @@ class RecordFile:
     """
 
     def __init__(
-        self, path: str | os.PathLike[str], fixed: Mapping[str, tuple[Array, tuple[str, ...]]],
+        self, path: str | os.PathLike[str] | BinaryIO, fixed: Mapping[str, tuple[Array, tuple[str, ...]]],
         growing: Mapping[str, tuple[tuple[int, ...], tuple[str, ...]]], units: Mapping[str, str], about: Mapping[str, str],
     ) -> None:  # fmt: skip
-        self.path, self._count, self._growing = os.fspath(path), 0, growing
+        self.path, self._count, self._growing = path, 0, growing
         sizes: dict[str, int] = {"time": 0}
         for shape, names in [*((array.shape, names) for array, names in fixed.values()), *growing.values()]:
             sizes |= dict(zip(names, shape, strict=True))
@@ -74,7 +76,8 @@ class RecordFile:
             start += entry + struct.pack(">q", place)
             place += size
         try:
-            self._file = open(self.path, "wb")  # noqa: SIM115  # it is open as long as the object is
+            # it is open as long as the object is
+            self._file = open(path, "wb") if isinstance(path, str | os.PathLike) else path  # noqa: SIM115
             self._file.write(start + b"".join(array.astype(">f8").tobytes() for array, _ in fixed.values()))
             self._file.flush()
         except OSError as error:
@@ -105,29 +108,35 @@ class RecordFile:
 
 
 def read_records(
-    path: str | os.PathLike[str], about: Mapping[str, str], frames: Any = slice(None)
+    path: str | os.PathLike[str] | BinaryIO, about: Mapping[str, str], frames: slice = slice(None)
 ) -> tuple[dict[str, Array], dict[str, str]]:
     """Return the arrays of a file of records, those that grow at the ``frames`` alone, and all that it says about itself.
+
+    Arrays that grow stay in the file: they are :class:`numpy.memmap`, whose numbers are read as they are used. ``path`` may
+    be an open binary file too, which is read into memory.
 
     Raises :class:`~granphon.base.errors.InputError` for a file that is not there, that is no such file, or about which its
     texts say something else than ``about``.
     """
     from scipy.io import netcdf_file
 
-    name = os.fspath(path)
+    name = os.fspath(path) if isinstance(path, str | os.PathLike) else "the data"
     try:
-        with netcdf_file(name, "r", mmap=False) as file:
-            found = {key: getattr(file, key, b"").decode() for key in about}
-            if found != dict(about):
-                raise InputError(f"{name} is {found}, not {dict(about)}", mend="Give a file that this version has written")
-            out: dict[str, Array] = {}
-            for key, variable in file.variables.items():
-                values: Any = variable[frames if variable.dimensions[:1] == ("time",) else ()]
-                out[key] = np.array(values, float)
-            return out, {key: value.decode() for key, value in vars(file)["_attributes"].items()}
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # of arrays that outlive the file: its mapping lives with them
+            with netcdf_file(path, "r") as file:
+                found = {key: getattr(file, key, b"").decode() for key in about}
+                if found != dict(about):
+                    what = f"{name} is {found}, not {dict(about)}"
+                    raise InputError(what, mend="Give a file that this version has written")
+                out: dict[str, Array] = {
+                    key: variable.data[frames].view(np.memmap) if variable.isrec else np.array(variable.data, float)
+                    for key, variable in file.variables.items()
+                }
+                return out, {key: value.decode() for key, value in vars(file)["_attributes"].items()}
     except FileNotFoundError:
         raise MissingFileError(f"there is no file {name}") from None
-    except (OSError, TypeError, ValueError, KeyError, AttributeError, struct.error) as error:
+    except (OSError, TypeError, ValueError, KeyError, AttributeError, IndexError, struct.error) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(f"{name} is not a file of records: {error}") from None

@@ -21,7 +21,7 @@ from granphon.cli.terminal import say, say_table
 #: packages that granphon needs, by their names in the registry, each with the name that is imported
 REQUIRED = {
     "numpy": "numpy", "scipy": "scipy", "ase": "ase", "phonopy": "phonopy", "spglib": "spglib", "matplotlib": "matplotlib",
-    "pint": "pint", "typer": "typer", "rich": "rich", "PyYAML": "yaml", "xarray": "xarray",
+    "typer": "typer", "rich": "rich", "PyYAML": "yaml", "xarray": "xarray",
     "h5netcdf": "h5netcdf", "h5py": "h5py", "threadpoolctl": "threadpoolctl",
 }  # fmt: skip
 #: packages that are used where they are there; each is imported once, in a process of its own

@@ -22,14 +22,12 @@ from numpy.typing import NDArray
 
 from granphon.base.errors import InstabilityError
 from granphon.dynamics.linalg import (
-    MANY_COLUMNS,
     cholesky_factor,
     find_dependent,
     find_rank,
     graded_eigh,
     graded_svd,
     lapack_svd,
-    well_conditioned,
 )  # fmt: skip
 from granphon.dynamics.rows import WaveRows, bend, bend_slope
 
@@ -45,7 +43,7 @@ _ROUNDING = 32.0 * float(np.finfo(np.float64).eps)
 #: relative error up to which the rotation of two balls about their middle leaves their contact undeformed
 _RIGID = 1e-12
 #: wave vectors, 1/d, without symmetry, at which the rank of C(q) is found
-_GENERIC = np.array(
+GENERIC = np.array(
     [[0.7390851, -1.2020569, 0.4669201], [1.9021605, 0.5772157, -0.9159656], [-0.2614972, 1.3247180, 2.5029079]]
 )
 
@@ -130,7 +128,7 @@ class Block:
     def rank(self) -> int:
         """Generic rank of C(q): the number of its branches that do not vanish at every wave vector."""
         found = 0
-        for q in _GENERIC[:, None, : self.deforming.half.shape[1]]:
+        for q in GENERIC[:, None, : self.deforming.half.shape[1]]:
             rows = np.concatenate([waves.compute_rows(q)[0] for waves in self._kinds])
             if found < min(rows.shape):
                 found = max(found, find_rank(rows))
@@ -162,24 +160,6 @@ class Block:
         values, right = self._decompose(point)
         return values, self._turn_back(point, right)
 
-    def find_frequencies(self, q: Array) -> Array:
-        """Find frequencies (n_q, n) alone, ascending."""
-        if self.size <= MANY_COLUMNS:
-            return self.solve(q)[0]
-        _, values, _, trusted = self._solve_plainly(q, False)
-        if not np.all(trusted):
-            values[~trusted] = self._decompose(self._compute(q[~trusted]))[0]
-        return values
-
-    def _solve_plainly(self, q: Array, vectors: bool) -> tuple[_Point, Array, NDArray[Any], NDArray[np.bool_]]:
-        """Return frequencies, and eigenvectors if wanted, of D(q) in the plain frame, and where that loses no digits.
-
-        The tilted frame keeps digits near Gamma, where these are not trusted.
-        """
-        across = None if self.pushing is None else self.pushing.compute_rows(q)
-        point = _Point(q, self.deforming.compute_rows(q), across)
-        return point, *well_conditioned(self._make_matrix(point.rows, across), self.free, vectors)
-
     def _turn_back(self, point: _Point, right: NDArray[Any]) -> NDArray[Any]:
         """Return vectors in terms of the motions of the frame."""
         moved = right if point.basis is None else point.basis @ right
@@ -187,16 +167,8 @@ class Block:
 
     def solve_with_velocities(self, q: Array, along: Array) -> tuple[Array, NDArray[Any], Array]:
         """Find frequencies, eigenvectors and group velocities (n_q, n, p); resolve degenerate sets along ``along``."""
-        if self.size > MANY_COLUMNS and len(q) > 1:  # one by one, as matrices are large
-            each = [self.solve_with_velocities(q[k : k + 1], along[k : k + 1]) for k in range(len(q))]
-            values, right, velocities = (np.concatenate(parts) for parts in zip(*each, strict=True))
-            return values, right, velocities
-        trusted = np.zeros(1, bool)
-        if self.size > MANY_COLUMNS:
-            point, values, right, trusted = self._solve_plainly(q, True)
-        if not np.all(trusted):
-            point = self._compute(q)
-            values, right = self._decompose(point)
+        point = self._compute(q)
+        values, right = self._decompose(point)
         slopes = _Slopes(self, point, values)
         joined = values[:, 1:] - values[:, :-1] <= _DEGENERATE * values[:, 1:]
         if np.any(joined):

@@ -27,6 +27,7 @@ from granphon.base.threads import share_out, single_products
 from granphon.base.validation import not_negative, positive, real_array
 from granphon.dynamics.blocks import Block, find_blocks
 from granphon.dynamics.compatibility import as_wavevectors
+from granphon.dynamics.large_cells import LargeCell
 from granphon.dynamics.linalg import MANY_COLUMNS
 from granphon.dynamics.long_waves import LongWaves
 from granphon.networks.network import ContactNetwork
@@ -257,7 +258,7 @@ class ContactLattice(LongWaves):
             values[limit], vectors[limit], velocities[limit] = found
         # the phase of a displacement is that of the wave vector asked for
         phase = np.exp(-1j * (taken @ self.positions[:, : self.periods].T))[:, :, None, None]
-        motion = (self._to_balls @ vectors).reshape(len(q), self.n_balls, self.motions.count, self.n_branches) * phase
+        motion = vectors.reshape(len(q), self.n_balls, self.motions.count, self.n_branches) * phase
         kinetic = np.abs(motion) ** 2
         rotation = kinetic[:, :, self.motions.turning].sum(axis=(1, 2))
         ahead = np.where(at_gamma[:, None], along, asked)
@@ -273,20 +274,28 @@ class ContactLattice(LongWaves):
 
     def _solve(self, q: Array) -> Array:
         """Find frequencies."""
+        if self._large is not None:  # one wave vector
+            found = self._large.find_frequencies(q[0])
+            if found is not None:
+                return found[None]
         try:
-            values = [block.find_frequencies(q) for block in self._blocks]
+            values = [block.solve(q)[0] for block in self._blocks]
         except InstabilityError:
             raise self._find_buckling(q) from None
         return values[0] if len(values) == 1 else np.sort(np.concatenate(values, axis=1), axis=1)
 
     def _solve_with_velocities(self, q: Array, along: Array) -> tuple[Array, NDArray[Any], Array]:
-        """Find frequencies, eigenvectors in the frame, and group velocities; resolve degenerate sets along ``along``."""
+        """Find frequencies, motions of balls, and group velocities; resolve degenerate sets along ``along``."""
+        if self._large is not None and len(q) == 1:
+            alone = self._large.solve_with_velocities(q[0])
+            if alone is not None:
+                return alone[0][None], alone[1][None], alone[2][None]
         try:
             found = [block.solve_with_velocities(q, along) for block in self._blocks]
         except InstabilityError:
             raise self._find_buckling(q) from None
         if len(found) == 1:
-            return found[0]
+            return found[0][0], self._to_balls @ found[0][1], found[0][2]
         values, velocities = (np.concatenate([one[i] for one in found], axis=1) for i in (0, 2))
         vectors = np.zeros((len(values), self.n_branches, self.n_branches), np.result_type(*(one[1] for one in found)))
         first = 0
@@ -300,7 +309,7 @@ class ContactLattice(LongWaves):
             order = np.argsort(velocities[at, : zeros[at]] @ along[at], kind="stable")
             vectors[at, :, : zeros[at]] = vectors[at][:, order]
             velocities[at, : zeros[at]] = velocities[at, order]
-        return values, vectors, velocities
+        return values, self._to_balls @ vectors, velocities
 
     def _find_buckling(self, q: Array) -> InstabilityError:
         """Return the error that names the wave vector, among ``q``, of the lowest squared frequency, which is negative."""
@@ -315,13 +324,17 @@ class ContactLattice(LongWaves):
 
         Those of large cells are found on all processors.
         """
-        size = max(1, int(4e6 / (2 * len(self.contacts) * self.n_branches)))
+        size = 1 if self._large is not None else max(1, int(4e6 / (2 * len(self.contacts) * self.n_branches)))
         parts = [slice(start, start + size) for start in range(0, max(count, 1), size)]
-        if self.n_branches <= MANY_COLUMNS:
+        if self._large is None:
             return [find(part) for part in parts]
-        _ = self._blocks  # once, not in each thread
         with single_products():
             return share_out(find, parts)
+
+    @cached_property
+    def _large(self) -> LargeCell | None:
+        """The cell as one of many balls; None if it has few, whose matrices are best taken together."""
+        return LargeCell(self) if self.n_branches > MANY_COLUMNS else None
 
     # -- motions that nothing joins to others -----------------------------------------------------------------------------
 
@@ -379,7 +392,8 @@ class ContactLattice(LongWaves):
     @cached_property
     def free_branches(self) -> int:
         """Number of branches that vanish at every wave vector: branches less the generic rank of C(q)."""
-        return sum(block.free for block in self._blocks)
+        free = None if self._large is None else self._large.free_branches
+        return sum(block.free for block in self._blocks) if free is None else free
 
     @cached_property
     def free_branch_warnings(self) -> tuple[str, ...]:
@@ -462,9 +476,11 @@ class ContactLattice(LongWaves):
             chosen = [*self.motions.translations, *(3 + axis for axis in self.motions.rotations)]
             turned = (self._wave_frame.conj() * np.sqrt(self.masses)[:, None]).T @ moved[:, chosen]
             rigid = np.column_stack([rigid, turned.ravel() / max(float(np.linalg.norm(turned)), np.finfo(float).tiny)])
+        if self._large is not None and not self.free_branches:
+            return int(np.linalg.matrix_rank(rigid, tol=_APART))
         total = 0
         for block in self._blocks:
-            free = block.solve(_BESIDE_GAMMA * direction)[1][0][:, : block.free]
+            free = block.solve(_BESIDE_GAMMA * direction)[1][0][:, : block.free] if block.free else np.zeros((block.size, 0))
             total += int(np.linalg.matrix_rank(np.concatenate([rigid[block.columns], free], axis=1), tol=_APART))
         return total
 

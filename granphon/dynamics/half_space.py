@@ -33,37 +33,56 @@ from granphon.networks.network import ContactNetwork
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Index = NDArray[np.intp]
-#: coupling that is left, over the largest block, at which the elimination has ended; and most steps of it
-_LEFT, _STEPS = 1e-17, 60
-#: numbers of a block that are inverted together
-_TOGETHER = 2**20
-#: wave vectors across the edge from which the edges of bands are sought, and bisections of the golden section
-_ACROSS, _SECTIONS = 48, 40
-#: imaginary parts of w, over the distance to the nearest band, with which M is found outside of bands. Pieces of the crystal
-#: between two walls may have waves at the very w, where the elimination would divide by zero; of the two, the error of
-#: fourth order is left
-_ASIDE = np.array([1e-3, 2e-3])
-#: the same within a band, over the highest w, and the step of a derivative there, over the highest w
-_DAMPED, _STEP = 1e-9, 1e-5
-#: width of a gap, over its upper edge, up to which bands touch; distance from its edges, over its width, in which no wave
-#: is sought
-_NO_GAP, _BORDER = 1e-7, 1e-9
-#: w, over the lowest band, up to which a motion costs nothing
-_STILL = 1e-6
-#: difference of w, over the width of the gap, at which waves are sorted together; and, over w, to which they are polished
-_TWICE, _POLISHED = 1e-9, 1e-14
-#: points of a band from which leaky waves are sought, steps of Newton's method, and change of w over w where it ends
-_IN_BAND, _NEWTON, _SETTLED = 48, 12, 1e-8
-#: phases from block to block at which the topology is found, and a determinant, over the size of its rows, that is zero
-_PHASES, _SINGULAR = 256, 1e-12
-#: -w, over the highest w, at which motions that cost nothing are told from others, and their least energy on top
-_FREE, _ON_TOP_FREE = 1e-10, 1e-3
-#: places of the points through which S is continued, over their unit
+#: the elimination of layers ends where the coupling that is left, over the largest block, is below this
+_COUPLING_TOLERANCE = 1e-17
+#: doublings of the number of eliminated layers, at most
+_MOST_DOUBLINGS = 60
+#: entries of blocks that are inverted in one call
+_CHUNK = 2**20
+#: wave numbers across the edge on which the edges of bands are bracketed
+_BAND_SAMPLES = 48
+#: golden sections that refine a bracket
+_SECTIONS = 40
+#: imaginary parts of w, over the distance to the nearest band, at which M is found in gaps. A piece of the crystal between
+#: two walls may have a mode at the real w, where the elimination would divide by zero. Richardson extrapolation from two
+#: of them leaves an error of fourth order
+_GAP_BROADENINGS = np.array([1e-3, 2e-3])
+#: imaginary part of w within a band, over the highest w
+_BAND_BROADENING = 1e-9
+#: step of finite differences in w within a band, over the highest w
+_DIFFERENCE_STEP = 1e-5
+#: relative width of a gap up to which two bands count as touching
+_LEAST_GAP = 1e-7
+#: margin at both edges of a gap, over its width, in which no wave is sought
+_GAP_MARGIN = 1e-9
+#: w, over the lowest band, up to which a motion costs no energy
+_FREE_IN_GAP = 1e-6
+#: waves closer than this in w, over the width of the gap, are one degenerate set
+_DEGENERACY = 1e-9
+#: relative tolerance of w of an edge wave
+_ROOT_TOLERANCE = 1e-14
+#: starts in a band for the search of leaky waves
+_LEAKY_STARTS = 48
+#: steps of Newton's method for a leaky wave, at most
+_NEWTON_STEPS = 12
+#: relative change of w at which they end
+_NEWTON_TOLERANCE = 1e-8
+#: phases from layer to layer at which Zak phases and windings are summed
+_WINDING_PHASES = 256
+#: determinant, over the product of the norms of its rows, that counts as zero
+_SINGULAR = 1e-12
+#: -w, over the highest w, at which edge motions without energy are told from others
+_FREE_SHIFT = 1e-10
+#: part of the energy of such a motion in the top layer, at least
+_FREE_TOP_PART = 1e-3
+#: nodes of the polynomial that continues S into the complex plane, over their spacing
 _NODES = np.arange(-3.0, 4.0)
-#: last term of the polynomial, over the linear one, up to which it has converged
+#: last coefficient of this polynomial, over the linear one, below which it has converged
 _TAIL = 1e-5
-#: half width over frequency up to which a resonance is a leaky wave, and its least energy on top
-_NARROW, _ON_TOP = 0.05, 0.02
+#: half width over frequency up to which a resonance counts as a leaky wave
+_MOST_WIDTH = 0.05
+#: part of the energy of a leaky wave in the top layer, at least
+_TOP_PART = 0.02
 
 
 class EdgeWaves(NamedTuple):
@@ -196,21 +215,21 @@ class HalfSpace:
         """Return w - F of the outer block, and of one that has others on both sides, (n, m, m), for blocks of ``place``."""
         size = own.shape[1]
         out, eye = np.empty((2, len(w), size, size), complex), np.eye(size)
-        together = max(1, _TOGETHER // (12 * size**2))
+        together = max(1, _CHUNK // (12 * size**2))
         for first in range(0, len(w), together):
             part = slice(first, first + together)
             at, here = place[part], w[part, None, None] * eye
             top, bulk, down = own[at].copy(), inner[at].copy(), hop[at]
             pair = np.concatenate([down, down.conj().swapaxes(1, 2)], axis=1)  # A on top of B
             left = np.arange(len(at))
-            for _ in range(_STEPS):
+            for _ in range(_MOST_DOUBLINGS):
                 both = np.concatenate([pair[:, :size], pair[:, size:]], axis=2)
                 met = pair @ np.linalg.solve(here[left] - bulk[left], both)
                 through, back = met[:, :size, size:], met[:, size:, :size]  # A g B and B g A
                 top[left] += through
                 bulk[left] += through + back
                 pair = np.concatenate([met[:, :size, :size], met[:, size:, size:]], axis=1)
-                going = np.max(np.abs(through) + np.abs(back), axis=(1, 2)) > _LEFT * self.highest
+                going = np.max(np.abs(through) + np.abs(back), axis=(1, 2)) > _COUPLING_TOLERANCE * self.highest
                 if not np.all(going):
                     left, pair = left[going], pair[going]
                 if not left.size:
@@ -231,13 +250,13 @@ class HalfSpace:
             return np.linalg.eigvalsh(inner[at] + turned + turned.conj().swapaxes(1, 2))
 
         n, size = len(q), self.size
-        grid = 2.0 * np.pi * np.arange(_ACROSS) / _ACROSS
-        values = solve(np.repeat(np.arange(n), _ACROSS), np.tile(grid, n)).reshape(n, _ACROSS, size)
+        grid = 2.0 * np.pi * np.arange(_BAND_SAMPLES) / _BAND_SAMPLES
+        values = solve(np.repeat(np.arange(n), _BAND_SAMPLES), np.tile(grid, n)).reshape(n, _BAND_SAMPLES, size)
         sign = np.array([1.0, -1.0])
         start = grid[np.argmin(values[..., None] * sign, axis=1)].reshape(-1)  # (n, size, 2)
         place = np.repeat(np.arange(n), 2 * size)
         branch, signs = np.tile(np.repeat(np.arange(size), 2), n), np.tile(sign, n * size)
-        golden, step = 0.5 * (math.sqrt(5.0) - 1.0), 2.0 * np.pi / _ACROSS
+        golden, step = 0.5 * (math.sqrt(5.0) - 1.0), 2.0 * np.pi / _BAND_SAMPLES
         low, high = start - step, start + step
         best = signs * solve(place, start)[np.arange(len(place)), branch]
         x = np.stack([high - golden * (high - low), low + golden * (high - low)])
@@ -261,17 +280,17 @@ class HalfSpace:
             order = each[np.argsort(each[:, 0])]
             below = np.concatenate([[0.0], np.maximum.accumulate(order[:, 1]).clip(0.0)])
             above = np.append(order[:, 0], 1.01 * self.highest)
-            clear = above - below > _NO_GAP * above
+            clear = above - below > _LEAST_GAP * above
             found = list(zip(below[clear], above[clear], strict=True))
             if inside:
                 tops, bottoms = [0.0, *(high for _, high in found)], [*(low for low, _ in found)]
-                found = [(a, b) for a, b in zip(tops, bottoms, strict=False) if b - a > _NO_GAP * b]
+                found = [(a, b) for a, b in zip(tops, bottoms, strict=False) if b - a > _LEAST_GAP * b]
             place += [at] * len(found)
             ends += found
         low, high = np.array(ends).reshape(-1, 2).T
-        margin = _BORDER * (high - low)
+        margin = _GAP_MARGIN * (high - low)
         # motions that cost nothing are no waves
-        return np.array(place, np.intp), np.stack([np.maximum(low + margin, _STILL * high), high - margin])
+        return np.array(place, np.intp), np.stack([np.maximum(low + margin, _FREE_IN_GAP * high), high - margin])
 
     def find_waves(self, q: Array) -> EdgeWaves:
         """Find all waves of the edge outside of the bands, at wave vectors q (n_q, p - 1).
@@ -295,8 +314,8 @@ class HalfSpace:
 
         def find(place: Index, w: Array, gap: Array) -> tuple[Complex, Complex, Complex]:
             """Return M, its derivative by w, and what moves in both blocks, g |V|^1/2."""
-            nearest = np.minimum(w - gap[0], gap[1] - w).clip(_BORDER * (gap[1] - gap[0]))
-            aside, both = np.outer(_ASIDE, nearest), np.tile(place, 2)
+            nearest = np.minimum(w - gap[0], gap[1] - w).clip(_GAP_MARGIN * (gap[1] - gap[0]))
+            aside, both = np.outer(_GAP_BROADENINGS, nearest), np.tile(place, 2)
             green = np.linalg.inv(self._eliminate(block, block, across, both, (w + 1j * aside).ravel())[1])
             green, turned = (one.reshape(2, -1, 2 * size, 2 * size) for one in (green, green.conj().swapaxes(1, 2)))
             even, odd = 0.5 * (green + turned), (green - turned) / (2j * aside[:, :, None, None])
@@ -330,7 +349,7 @@ class HalfSpace:
             f_high[going] = np.where(up, value, np.where(again, 0.5 * fb, fb))
             f_low[going] = np.where(up, np.where(again, 0.5 * fa, fa), value)
             side[going], w[going] = np.where(up, 1.0, -1.0), x
-            going = going[(high[going] - low[going] > _POLISHED * x) & (value != 0.0)]
+            going = going[(high[going] - low[going] > _ROOT_TOLERANCE * x) & (value != 0.0)]
         return self._sort_sides(find, place, w, gap)
 
     def _sort_sides(self, find: Any, place: Index, w: Array, gap: Array) -> EdgeWaves:
@@ -338,7 +357,7 @@ class HalfSpace:
         size, found = self.size, []
         order = np.lexsort((w, place))
         new = np.ones(len(w), bool)
-        new[1:] = (np.diff(place[order]) > 0) | (np.diff(w[order]) > _TWICE * (gap[1] - gap[0])[order][1:])
+        new[1:] = (np.diff(place[order]) > 0) | (np.diff(w[order]) > _DEGENERACY * (gap[1] - gap[0])[order][1:])
         for members in np.split(order, np.flatnonzero(new)[1:]):
             at, here = place[members[:1]], np.mean(w[members])
             (matrix,), (slope,), (moved,) = find(at, np.array([here]), gap[:, members[:1]])
@@ -360,10 +379,10 @@ class HalfSpace:
         Towards w = 0 from below, -w times the Green's function becomes the matrix of the outer parts of all such motions,
         whose eigenvalues are these parts; others go as w, or as its root where a band reaches zero.
         """
-        w = np.full(len(q), -_FREE * self.highest, complex)
+        w = np.full(len(q), -_FREE_SHIFT * self.highest, complex)
         green = np.linalg.inv(self.inverse_green(q, np.arange(len(q)), w))
         parts = np.linalg.eigvalsh(w[:, None, None] * 0.5 * (green + green.conj().swapaxes(1, 2)))
-        place, branch = np.nonzero(parts > _ON_TOP_FREE)
+        place, branch = np.nonzero(parts > _FREE_TOP_PART)
         return EdgeWaves(place, np.zeros(len(place), complex), np.asarray(parts[place, branch], float))
 
     def find_leaky_waves(self, q: Array) -> EdgeWaves:
@@ -372,24 +391,25 @@ class HalfSpace:
         three, top = np.array([-1.0, 0.0, 1.0]), self.highest
 
         def solve(place: Index, w: Array) -> tuple[Complex, Array]:
-            at = np.asarray((w + _STEP * top * three[:, None]).ravel() + 1j * _DAMPED * top, complex)
+            at = np.asarray((w + _DIFFERENCE_STEP * top * three[:, None]).ravel() + 1j * _BAND_BROADENING * top, complex)
             low, middle, high = self.inverse_green(q, np.tile(place, 3), at).reshape(3, len(w), self.size, self.size)
-            slope = (high - low) / (2.0 * _STEP * top)
+            slope = (high - low) / (2.0 * _DIFFERENCE_STEP * top)
             values, vectors = np.linalg.eig(np.linalg.solve(slope, -middle))
             norm = np.abs(np.einsum("nab,nac,ncb->nb", vectors.conj(), slope, vectors))
             return values, np.sum(np.abs(vectors) ** 2, axis=1) / norm
 
         # denser towards the edges of the bands
-        part = 0.5 * (1.0 - np.cos(np.pi * (np.arange(_IN_BAND) + 0.5) / _IN_BAND))
+        part = 0.5 * (1.0 - np.cos(np.pi * (np.arange(_LEAKY_STARTS) + 0.5) / _LEAKY_STARTS))
         x = (gap[0] + (gap[1] - gap[0]) * part[:, None]).ravel()
-        place, gap = np.tile(place, _IN_BAND), np.tile(gap, _IN_BAND)
-        wide = 2.0 * (gap[1] - gap[0]) / _IN_BAND
+        place, gap = np.tile(place, _LEAKY_STARTS), np.tile(gap, _LEAKY_STARTS)
+        wide = 2.0 * (gap[1] - gap[0]) / _LEAKY_STARTS
         offset = solve(place, x)[0] if len(x) else np.zeros((0, self.size), complex)
-        row, column = np.nonzero((np.abs(offset.real) <= wide[:, None]) & (np.abs(offset.imag) < 2.0 * _NARROW * x[:, None]))
+        close = np.abs(offset.real) <= wide[:, None]
+        row, column = np.nonzero(close & (np.abs(offset.imag) < 2.0 * _MOST_WIDTH * x[:, None]))
         place, gap, shift = place[row], gap[:, row], offset[row, column]
         w, weight, size = np.clip(x[row] + shift.real, *gap), np.zeros(len(row)), np.full(len(row), np.inf)
         going = np.arange(len(row))
-        for _ in range(_NEWTON):
+        for _ in range(_NEWTON_STEPS):
             if not going.size:
                 break
             offset, parts = solve(place[going], w[going])
@@ -399,12 +419,12 @@ class HalfSpace:
             inside = (moved >= gap[0, going]) & (moved <= gap[1, going])
             size[going] = np.where(inside, np.abs(shift[going].real), np.inf)
             w[going[inside]] = moved[inside]
-            going = going[inside & (size[going] > _SETTLED * w[going])]
-        narrow = (np.abs(shift.imag) < 2.0 * _NARROW * w) & (shift.imag <= _SETTLED * top)
-        kept = np.flatnonzero((size <= _SETTLED * w) & narrow & (weight > _ON_TOP))
+            going = going[inside & (size[going] > _NEWTON_TOLERANCE * w[going])]
+        narrow = (np.abs(shift.imag) < 2.0 * _MOST_WIDTH * w) & (shift.imag <= _NEWTON_TOLERANCE * top)
+        kept = np.flatnonzero((size <= _NEWTON_TOLERANCE * w) & narrow & (weight > _TOP_PART))
         kept = kept[np.lexsort((w[kept], place[kept]))]
         fresh = np.ones(len(kept), bool)
-        fresh[1:] = (np.diff(place[kept]) > 0) | (np.diff(w[kept]) > 10.0 * _SETTLED * top)
+        fresh[1:] = (np.diff(place[kept]) > 0) | (np.diff(w[kept]) > 10.0 * _NEWTON_TOLERANCE * top)
         kept = kept[fresh]
         return EdgeWaves(place[kept], self._find_poles(q, place[kept], w[kept] + 1j * shift[kept].imag), weight[kept])
 
@@ -416,19 +436,19 @@ class HalfSpace:
         """
         n, size, top = len(roots), self.size, self.highest
         nearest = np.min(np.abs(self.bands(q).reshape(len(q), -1)[place] - roots.real[:, None]), axis=1)
-        unit = np.minimum(np.maximum(np.abs(roots.imag), _STEP * top), nearest / 3.0)
-        at = (roots.real + unit * _NODES[:, None]).ravel() + 1j * _DAMPED * top
+        unit = np.minimum(np.maximum(np.abs(roots.imag), _DIFFERENCE_STEP * top), nearest / 3.0)
+        at = (roots.real + unit * _NODES[:, None]).ravel() + 1j * _BAND_BROADENING * top
         values = self.inverse_green(q, np.tile(place, len(_NODES)), at).reshape(len(_NODES), n, size, size)
         parts = np.einsum("kj,jnab->knab", np.linalg.inv(np.vander(_NODES, increasing=True)), values)
-        powers, t = np.arange(len(_NODES)), (1j * (roots.imag - _DAMPED * top)) / unit
-        for _ in range(_NEWTON):
+        powers, t = np.arange(len(_NODES)), (1j * (roots.imag - _BAND_BROADENING * top)) / unit
+        for _ in range(_NEWTON_STEPS):
             slope = np.einsum("kn,knab->nab", powers[1:, None] * t ** powers[:-1, None], parts[1:])
             steps = np.linalg.eigvals(np.linalg.solve(slope, -np.einsum("kn,knab->nab", t ** powers[:, None], parts)))
             step = steps[np.arange(n), np.argmin(np.abs(steps), axis=1)]
             t = t + step
         tail = np.linalg.norm(parts[-1], axis=(1, 2)) / np.linalg.norm(parts[1], axis=(1, 2)) * np.abs(t) ** (len(parts) - 2)
-        good = (tail <= _TAIL) & (np.abs(step) <= _SETTLED) if n else np.zeros(0, bool)
-        found = roots.real + unit * t + 1j * _DAMPED * top
+        good = (tail <= _TAIL) & (np.abs(step) <= _NEWTON_TOLERANCE) if n else np.zeros(0, bool)
+        found = roots.real + unit * t + 1j * _BAND_BROADENING * top
         return np.where(good, found.real + 1j * np.minimum(found.imag, 0.0), roots)
 
     # -- topology ----------------------------------------------------------------------------------------------------------
@@ -439,7 +459,7 @@ class HalfSpace:
         A contact of two blocks is one of the lower.
         """
         size, parts = self.size, np.tensordot(np.exp(2.0j * np.pi * (self._steps @ q)), self._matrix[:, self._whole], 1)
-        phase = np.exp(2.0j * np.pi * np.arange(_PHASES) / _PHASES)[:, None, None]
+        phase = np.exp(2.0j * np.pi * np.arange(_WINDING_PHASES) / _WINDING_PHASES)[:, None, None]
         rows = parts[:, size : 2 * size] + phase * parts[:, 2 * size :]
         return np.asarray(np.sqrt(self._stiff[self._whole].astype(complex))[:, None] * rows)
 

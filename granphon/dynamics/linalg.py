@@ -27,11 +27,13 @@ _BELOW_ZERO = 16.0 * _EPSILON
 _DEPENDENT = 1e-9
 #: number of columns up to which the Jacobi iteration is as fast as LAPACK
 _FEW_COLUMNS = 3
-#: number of columns above which singular values alone are found from A^H A, which takes a quarter of the time or less
+#: number of columns above which matrices are taken one by one
 MANY_COLUMNS = 300
 #: eigenvalue of A^H A, over the largest, from which its root has an error below 1e-11, and far above that of dependent
 #: columns
-_WELL_ABOVE = 1e-4
+WELL_ABOVE = 1e-4
+#: the same of columns that are not dependent
+_FAR_ABOVE = 1e-9
 #: error of LAPACK, as a multiple of the rounding of the largest singular value or eigenvalue (at most 2.1 on lattices)
 _LAPACK_ERROR = 4.0
 #: relative error up to which a singular value of LAPACK is accepted
@@ -154,20 +156,6 @@ def _decompose(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
             values[rest], rotation = jacobi_svd(turned[~good])
             right[rest] = nearly[~good] @ rotation
     return values, right
-
-
-def well_conditioned(
-    matrices: NDArray[Any], free: int = 0, vectors: bool = False
-) -> tuple[NDArray[np.float64], NDArray[Any], NDArray[np.bool_]]:
-    """Find the square roots of the eigenvalues of matrices A^H A (n_matrices, n, n), ascending, and which of them to trust.
-
-    The second array holds the eigenvectors, as columns, if they are wanted; the last is (n_matrices,): whether all roots
-    have errors below 1e-11, as the least is not far below the largest. The ``free`` lowest are known to be zero.
-    """
-    squares, right = np.linalg.eigh(matrices) if vectors else (np.linalg.eigvalsh(matrices), matrices)
-    squares[:, :free] = 0.0
-    trusted = squares[:, min(free, squares.shape[1] - 1)] > _WELL_ABOVE * squares[:, -1]
-    return np.sqrt(np.maximum(squares, 0.0)), right, trusted
 
 
 def lapack_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
@@ -313,10 +301,23 @@ def find_rank(rows: NDArray[Any]) -> int:
     for axis in (0, 1):
         length = np.linalg.norm(rows, axis=axis, keepdims=True)
         rows = rows / np.where(length > 0.0, length, 1.0)
-    if rows.shape[1] > MANY_COLUMNS and well_conditioned((rows.conj().T @ rows)[None])[2][0]:
+    if _is_independent(rows):
         return int(rows.shape[1])
     values = np.linalg.svd(rows, compute_uv=False) if rows.size else np.zeros(1)
     return int(np.count_nonzero(values > _DEPENDENT * max(values[0], 1.0)))
+
+
+def _is_independent(rows: NDArray[Any]) -> bool:
+    """Return whether many columns are so by far, as Cholesky's factors of A^H A less a little tell at once."""
+    if not rows.shape[0] >= rows.shape[1] > MANY_COLUMNS:
+        return False
+    product = rows.conj().T @ rows
+    product[np.diag_indices(len(product))] -= _FAR_ABOVE * np.linalg.norm(product)
+    try:
+        np.linalg.cholesky(product)
+    except np.linalg.LinAlgError:
+        return False
+    return True
 
 
 def find_dependent(
@@ -328,6 +329,8 @@ def find_dependent(
     """
     lengths = np.where(column_lengths > 0.0, column_lengths, 1.0)
     scaled = rows / np.where(row_lengths > 0.0, row_lengths, 1.0)[:, None] / lengths
+    if _is_independent(scaled):
+        return np.zeros((len(lengths), 0), rows.dtype), np.eye(len(lengths), dtype=rows.dtype)
     _, values, adjoint = np.linalg.svd(_pad_rows(scaled[None])[0], full_matrices=False)
     count = int(np.count_nonzero(values <= _DEPENDENT * max(values[0], 1.0)))
     basis, _ = np.linalg.qr(adjoint[len(values) - count :].conj().T / lengths[:, None], mode="complete")

@@ -36,7 +36,7 @@ from granphon.media.state import ContactState, read_finite_overlap
 
 Array = NDArray[np.float64]
 #: the class of a medium
-MediumClass = TypeVar("MediumClass", bound=type)
+T = TypeVar("T", bound=type)
 #: sides, in diameters, of the samples that an automatic medium chooses among, with two and with three periods
 SIDES = {
     2: (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024),
@@ -175,7 +175,7 @@ for _one in (AveragedLattice, AveragedForce, EffectiveMedium, ClusterMedium, Dir
     MEDIA.own(_one.name, _one)
 
 
-def register_medium(medium: MediumClass) -> MediumClass:
+def register_medium(medium: T) -> T:
     """Make a medium known by its ``name``: to sweeps, scenes and fits, with its ``words`` in figures.
 
     ``medium`` is a subclass of :class:`~granphon.LawMedium`, or of another medium, with a ``name`` of its own, which is made

@@ -33,6 +33,7 @@ from granphon.array.preconditioners import MOST_BALLS
 from granphon.balls.diameters import uniform_numbers
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
+from granphon.dynamics.linalg import MANY_COLUMNS
 from granphon.media.left_out import estimate_reduced_force, estimate_spacing, find_spacing
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.simulation import DirectSimulation
@@ -56,8 +57,13 @@ _FACTOR_FORCE = 0.015
 #: bytes for each ball that this takes more, without rotations and with them
 _FACTOR_BYTES = 2100.0
 _ROTATING_FACTOR_BYTES = 4900.0
-#: steps of a motion in the shortest period; time of a step, s, and of each contact in it; copies of what is kept
-_MOTION_STEPS, _MOTION_STEP_TIME, _MOTION_CONTACT_TIME, _MOTION_COPIES = 60.0, 1.2e-4, 2.5e-7, 3.0
+#: times of a step of a motion and of each deformation of a contact in it, s; of a step with contacts that turn, and of each;
+#: of a frame, and of each contact in it
+_MOTION_TIMES, _TURNING_TIMES, _FRAME_TIMES = (3e-5, 2.5e-8), (3e-4, 6e-7), (3e-4, 3e-7)
+#: times by which steps are longer with dashpots, implicit ones, and implicit ones with contacts that turn
+_MOTION_DAMPED, _IMPLICIT, _TURNING_IMPLICIT = 1.6, 7.0, 4.0
+#: bytes for each contact of a motion, and copies of what is kept
+_MOTION_CONTACT_BYTES, _MOTION_COPIES = 1300.0, 3.0
 #: bytes for each ball of a further sample that is kept
 _SAMPLE_BYTES = 8.0
 #: bytes for each ball of the place where the operator of a further sample works, with one, two and three periods, and the
@@ -108,6 +114,9 @@ _HISTORY_STATE_BYTES = {2: 60.0, 3: 150.0}
 _SMALL_SHAPE = (96, 96)
 #: a* of the small sample, and its f*
 _SMALL_SPACING, _SMALL_FORCE = 1.0, 0.3678
+#: size of the small matrix; time of eigenvectors and velocities over that of eigenvalues; and bytes over the square of the
+#: number of branches while values, and vectors, of one wave vector are found
+_SMALL_MATRIX, _VECTORS_TIME, _VALUES_BYTES, _VECTORS_BYTES = 500, 5.0, 36.0, 200.0
 #: memory of a cluster medium, bytes
 _CLUSTER_BYTES = 2e8
 #: time of a cluster medium, s, and what each of its balls adds, s
@@ -340,18 +349,40 @@ def _measure_time_per_ball() -> float:
     return min(times) / deviations.size
 
 
+@cache
+def _measure_eigenvalues() -> float:
+    """Measure the time of the eigenvalues of a complex matrix over the cube of its size, on this machine, s."""
+    n, times = _SMALL_MATRIX, []
+    real, imaginary = np.random.default_rng(0).normal(size=(2, n, n))
+    matrix = real + real.T + 1j * (imaginary - imaginary.T)
+    for _ in range(3):
+        start = process_time()
+        np.linalg.eigvalsh(matrix)
+        times.append(process_time() - start)
+    return min(times) / n**3
+
+
 # -- spectra, and sweeps --------------------------------------------------------------------------------------------
 
 
-def bands(points: int, branches: int) -> Cost:
-    """Estimate the cost of a band structure at ``points`` wave vectors, with its file.
+def bands(points: int, branches: int, eigenvectors: bool = True, file: bool = True) -> Cost:
+    """Estimate the cost of a band structure at ``points`` wave vectors, and of its ``file``.
 
     The numbers are bytes and microseconds for each wave vector: eigenvectors, phonopy's dynamical matrices and the lines of
-    the file, as measured with 2, 3 and 9 branches. Matrices go as the square of the number of branches.
+    the file, as measured with 2, 3 and 9 branches. Matrices go as the square of the number of branches. In large cells
+    eigenvalues take the most, which go as its cube; their time is that of a small matrix on this machine.
     """
-    square = branches * branches
-    what = f"bands at {points:,} wave vectors"
-    return Cost(kept=points * (2000.0 + 295.0 * square), known=1e-6 * points * (110.0 + 12.0 * square), parts=(what,))
+    square, cube = branches * branches, float(branches) ** 3
+    what = f"{'bands' if eigenvectors else 'frequencies'} at {points:,} wave vector{'s' * (points != 1)}"
+    kept = points * (2000.0 + (295.0 if file else 32.0) * square if eigenvectors else 50.0 * branches)
+    known = 1e-6 * points * (110.0 + (12.0 if file else 0.5) * square if eigenvectors else 110.0 + 0.07 * square)
+    working = 0.0
+    if branches > MANY_COLUMNS:
+        known += points * cube * _measure_eigenvalues() * (_VECTORS_TIME if eigenvectors else 1.0)
+        working = (_VECTORS_BYTES if eigenvectors else _VALUES_BYTES) * square
+    return Cost(
+        working, kept, known=known, parts=(f"{what} with {branches:,} branches" if branches > MANY_COLUMNS else what,)
+    )
 
 
 def density_of_states(mesh: tuple[int, ...], branches: int) -> Cost:
@@ -394,16 +425,19 @@ def array_waves(
     return Cost(working=memory, known=7e-9 * products * balls * rows + _READING_TIME * readings, parts=(what,))
 
 
-def motion(duration: float, top: float, violence: float, balls: int, contacts: int, frames: int) -> Cost:
+def motion(
+    steps: float, rows: int, balls: int, contacts: int, frames: int, damped: bool, exact: bool, implicit: bool
+) -> Cost:  # fmt: skip
     """Estimate the cost of a motion of so many ``balls`` and ``contacts``, kept at so many times.
 
-    ``top`` is the highest angular frequency at rest, rad/s, of which a period has 60 steps. An impact stiffens contacts:
-    ``violence`` is the energy of the fastest ball, m v^2, over that of a contact at rest, f^2/k. Seconds and bytes
-    follow two rough timings, and tell the order of magnitude.
+    Each contact has so many ``rows``, kinds of deformation. ``exact`` ones turn, with all kinds, and ``implicit`` steps are
+    iterated. Seconds were measured with 100 to 120 000 contacts of a chain, the plane and fcc.
     """
-    steps = duration * top * (1.0 + violence) ** 0.1 * _MOTION_STEPS / (2.0 * math.pi)
-    memory = 8.0 * frames * (15.0 * balls + 2.0 * contacts) * _MOTION_COPIES
-    known = steps * (_MOTION_STEP_TIME + _MOTION_CONTACT_TIME * contacts)
+    alone, each = _TURNING_TIMES if exact else (_MOTION_TIMES[0], _MOTION_TIMES[1] * rows)
+    step = (alone + each * contacts) * (_MOTION_DAMPED if damped else 1.0)
+    step *= (_TURNING_IMPLICIT if exact else _IMPLICIT) if implicit else 1.0
+    memory = 8.0 * frames * (15.0 * balls + 2.0 * contacts) * _MOTION_COPIES + _MOTION_CONTACT_BYTES * contacts
+    known = steps * step + frames * (_FRAME_TIMES[0] + _FRAME_TIMES[1] * contacts)
     return Cost(memory, known=known, parts=(f"motion of {balls:,} balls in {steps:,.0f} steps",))
 
 

@@ -14,7 +14,7 @@ from granphon.balls.motions import ALL, Motions, allowed_motions, select_motions
 from granphon.balls.packing import Packing
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.rows import Row, contact_rows, push_rows
-from granphon.phonons.paths import BandPath, default_letters, special_points, zone_faces, zone_polygon
+from granphon.phonons.paths import BandPath, default_letters, special_points, split_letters, zone_faces, zone_polygon
 
 Array = NDArray[np.float64]
 
@@ -44,12 +44,10 @@ def describe_network(lattice: ContactLattice, name: str) -> dict[str, Any]:
     ``masses`` and radii of gyration of their own. ``complex`` says that the rows of a single ball are not real. Of a cut,
     ``sides`` are -1 and 1 of balls in its lower and upper quarter, and 0 of others; otherwise None.
     """
-    from ase.dft.kpoints import parse_path_string
-
     table, motions, p = lattice.contacts, lattice.named_motions, lattice.periods
     vectors, repeats = lattice.cell[:, :p], (True,) * p
     known = special_points(vectors, repeats)
-    pieces = [list(piece) for piece in parse_path_string(default_letters(vectors, repeats))]
+    pieces = [list(piece) for piece in split_letters(default_letters(vectors, repeats))]
     points: Any = [[known[letter].tolist() for letter in piece] for piece in pieces]
     path = BandPath(points, tuple(itertools.chain.from_iterable(pieces)))
     gyration = np.append(lattice.gyration, 1.0)  # the last of a body that does not move

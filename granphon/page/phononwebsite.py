@@ -46,7 +46,7 @@ def write_phononwebsite(bands: Bands, name: str) -> str:
     s, points, b = bands.frequencies.shape
     moved = []
     for ball in range(len(centres)):  # the displacements (s, points, b, 3) of a ball, and of the marks on it
-        own = bands.eigenvectors.reshape(s, points, -1, motions.count, b)[:, :, ball] / np.sqrt(bands.masses[ball])
+        own = bands.motion[:, :, ball] / np.sqrt(bands.masses[ball])
         phase = np.exp(2j * np.pi * (bands.qpoints @ bands.positions[ball]))
         own = np.moveaxis(own * phase[:, :, None, None], 2, 3)
         shift, turn = (np.zeros((s, points, b, 3), complex) for _ in range(2))

@@ -66,9 +66,10 @@ class Bands(Result):
     distances : (s, p), distance along the path over 2 pi, in units of 1/d, as in phonopy: a number without a unit.
     frequencies : (s, p, b), Hz, ascending.
     group_velocities : (s, p, b, d), m/s, along the d periods of the lattice; at Gamma, and where branches touch or vanish,
-        the limit along the path.
+        the limit along the path. None of bands that were made without eigenvectors.
     eigenvectors : (s, p, n_dof, b), complex, mass-weighted, orthonormal; the motions of ball after ball, (x, y, w) in the
-        plane.
+        plane; or None. Fractions and connections, which follow from them, then raise
+        :class:`~granphon.base.errors.InputError`.
     labels : (s + 1), names of the corners.
     cell, positions, masses : the cell that the q points belong to, in reduced units: its vectors (3, 3), the positions of
         the balls (n, 3) as fractions of these vectors, and the masses (n,).
@@ -83,15 +84,15 @@ class Bands(Result):
 
     units = {"distances": "1", "frequencies": "Hz", "group_velocities": "m/s"}
     _shapes = {
-        "qpoints": "s p 3", "distances": "s p", "frequencies": "s p b", "group_velocities": "s p b d",
-        "eigenvectors": "s p m b", "labels": "s+1", "cell": "3 3", "positions": "n 3", "masses": "n", "gyration": "n",
+        "qpoints": "s p 3", "distances": "s p", "frequencies": "s p b", "group_velocities": "s p b d?",
+        "eigenvectors": "s p m b?", "labels": "s+1", "cell": "3 3", "positions": "n 3", "masses": "n", "gyration": "n",
     }  # fmt: skip
 
     qpoints: Array
     distances: Array
     frequencies: Array
-    group_velocities: Array
-    eigenvectors: NDArray[np.complex128]
+    group_velocities: Array | None
+    eigenvectors: NDArray[np.complex128] | None
     labels: tuple[str, ...]
     cell: Array
     positions: Array
@@ -118,12 +119,13 @@ class Bands(Result):
         each ball, have the length one.
         """
         super()._check()
-        balls = len(self.masses)
-        if self.eigenvectors.shape[2] != self.motions.count * balls:
-            what = f"{self.eigenvectors.shape[2]} components of an eigenvector for {balls} balls"
-            raise InputError(what, mend=f"Give {self.motions.count} for each ball")
+        balls, lengths, p = len(self.masses), np.ones(1), self.periods
+        if self.eigenvectors is not None:
+            if self.eigenvectors.shape[2] != self.motions.count * balls:
+                what = f"{self.eigenvectors.shape[2]} components of an eigenvector for {balls} balls"
+                raise InputError(what, mend=f"Give {self.motions.count} for each ball")
+            lengths = np.linalg.norm(self.eigenvectors, axis=2)
         self._require_finite()
-        lengths, p = np.linalg.norm(self.eigenvectors, axis=2), self.periods
         leaves = bool(np.any(self.qpoints[..., p:])) or bool(np.any(self.cell[:p, p:])) or bool(np.any(self.cell[p:, :p]))
         # the lowest frequencies are roots of rounding errors, so that neighbours may be out of order by as much
         falls = -np.diff(self.frequencies, axis=2) > _ROUNDING * self.frequencies.max(initial=0.0)
@@ -152,18 +154,23 @@ class Bands(Result):
     @property
     def periods(self) -> int:
         """Number of periods of the lattice."""
-        return int(self.group_velocities.shape[3])
+        return len(self.pbc) if self.group_velocities is None else int(self.group_velocities.shape[3])
 
     @cached_property
-    def _motion(self) -> NDArray[Any]:
-        """Eigenvectors with the balls on an axis of their own, (s, p, n_balls, components of a ball, b)."""
+    def motion(self) -> NDArray[Any]:
+        """Eigenvectors with the balls on an axis of their own, (s, p, n_balls, components of a ball, b).
+
+        Raises :class:`~granphon.base.errors.InputError` if there are none.
+        """
+        if self.eigenvectors is None:
+            raise InputError("these bands have no eigenvectors", mend="Take bands(eigenvectors=True)")
         s, p, _, b = self.eigenvectors.shape
         return self.eigenvectors.reshape(s, p, len(self.masses), self.motions.count, b)
 
     @property
     def rotational_fraction(self) -> Array:
         """Fraction of the kinetic energy that is rotation, (s, p, b), 0 to 1."""
-        return np.asarray(np.sum(np.abs(self._motion[:, :, :, self.motions.turning]) ** 2, axis=(2, 3)))
+        return np.asarray(np.sum(np.abs(self.motion[:, :, :, self.motions.turning]) ** 2, axis=(2, 3)))
 
     @property
     def longitudinal_fraction(self) -> Array:
@@ -174,7 +181,7 @@ class Bands(Result):
         ahead = np.where(np.any(q != 0.0, axis=-1, keepdims=True), q, ahead)
         ahead = ahead / np.linalg.norm(ahead, axis=-1, keepdims=True)
         inside = [place for place, axis in enumerate(self.motions.translations) if axis < d]
-        moved = self._motion[:, :, :, inside]
+        moved = self.motion[:, :, :, inside]
         along = np.einsum("spiab,spa->spib", moved, ahead[..., [self.motions.translations[place] for place in inside]])
         return np.asarray(np.sum(np.abs(along) ** 2, axis=2))
 
@@ -185,7 +192,7 @@ class Bands(Result):
         It is zero for lattices with one or three periods.
         """
         across = [place for place, axis in enumerate(self.motions.translations) if axis >= self.periods == 2]
-        return np.asarray(np.sum(np.abs(self._motion[:, :, :, across]) ** 2, axis=(2, 3)))
+        return np.asarray(np.sum(np.abs(self.motion[:, :, :, across]) ** 2, axis=(2, 3)))
 
     @property
     def transverse_fraction(self) -> Array:
@@ -207,12 +214,12 @@ class Bands(Result):
         if not np.ptp(heights) > 1e-9 * float(np.abs(self.cell).max()):
             raise InputError("the lattice has no edges", mend="Take bands of network.cut(axis, layers)")
         masks = find_outer(heights)
-        found = np.einsum("ei,spicb->spbe", masks.astype(float), np.abs(self._motion) ** 2, optimize=True)
+        found = np.einsum("ei,spicb->spbe", masks.astype(float), np.abs(self.motion) ** 2, optimize=True)
         close = np.diff(self.frequencies, axis=2) <= _COINCIDE * self.frequencies.max()
         for s, p in np.argwhere(np.any(close, axis=2)):
             splits = np.split(np.arange(self.n_branches), np.flatnonzero(~close[s, p]) + 1)
             for group in (one for one in splits if len(one) > 1):
-                motion = self._motion[s, p][..., group]
+                motion = self.motion[s, p][..., group]
                 low, high = (np.einsum("icb,icd->bd", motion[mask].conj(), motion[mask]) for mask in masks)
                 turned = np.linalg.eigh(high - low)[1]
                 for edge, each in enumerate((low, high)):
@@ -226,7 +233,7 @@ class Bands(Result):
         ``np.take_along_axis(frequencies, connection, 2)`` follows the branches through their crossings. Branches are
         connected inside each segment, by the overlap of eigenvectors, and numbered by their order at its start.
         """
-        return np.array([connect_branches(segment) for segment in self.eigenvectors])
+        return np.array([connect_branches(one.reshape(len(one), -1, self.n_branches)) for one in self.motion])
 
     @property
     def connected_frequencies(self) -> Array:
@@ -236,7 +243,7 @@ class Bands(Result):
     # -- phonopy's band.yaml ----------------------------------------------------------------------------------------
 
     def write(self, path: str | os.PathLike[str], pad: bool = False) -> None:
-        """Write phonopy's band.yaml, with eigenvectors and group velocities, for phonopy-bandplot and Euphonic.
+        """Write phonopy's band.yaml, with eigenvectors and group velocities if there are, for phonopy-bandplot and Euphonic.
 
         Frequencies are in Hz, kHz, MHz or another such unit, in which the top one lies between 1 and 1000; the file names
         the unit. Coordinates of an atom that hold no motion are zero, such as w in the plane without friction. Some programs
@@ -253,14 +260,19 @@ class Bands(Result):
         slots, still_slots = list(self.motions.slots), list(self.motions.still_slots)
         still = n * len(still_slots) if pad else 0
         frequencies = np.pad(self.frequencies, ((0, 0), (0, 0), (still, 0)))
-        velocities = np.pad(self.group_velocities, ((0, 0), (0, 0), (still, 0), (0, 3 - self.periods)))
-        motion = np.zeros((s, p, n, 3 * per_ball, still + b), complex)
-        motion[:, :, :, slots, still:] = self._motion
-        if still:
-            motion[:, :, :, still_slots, :still] = np.eye(still).reshape(n, -1, still)
-        # what an atom aside of its ball lacks of the phase of the ball
-        motion[:, :, :, 3:] *= find_offset_phases(self.qpoints, self.cell).conj()[:, :, None, None, None]
-        motion = motion.reshape(s, p, n * per_ball, 3, still + b)
+        velocities, parts = None, None
+        if self.group_velocities is not None:
+            velocities = np.pad(self.group_velocities, ((0, 0), (0, 0), (still, 0), (0, 3 - self.periods)))
+            velocities /= self.scales.length * unit.hertz
+        if self.eigenvectors is not None:
+            motion = np.zeros((s, p, n, 3 * per_ball, still + b), complex)
+            motion[:, :, :, slots, still:] = self.motion
+            if still:
+                motion[:, :, :, still_slots, :still] = np.eye(still).reshape(n, -1, still)
+            # what an atom aside of its ball lacks of the phase of the ball
+            motion[:, :, :, 3:] *= find_offset_phases(self.qpoints, self.cell).conj()[:, :, None, None, None]
+            motion = motion.reshape(s, p, n * per_ball, 3, still + b)
+            parts = np.stack([motion.real, motion.imag], axis=-1)
         ticks = [tick.split("|") for tick in self.labels]
         lines = [
             *make_header(unit, self.scales, self.motions, self.periods),
@@ -282,8 +294,7 @@ class Bands(Result):
         for name, place, mass in zip(name_atoms(self.masses, self.motions, self.kinds), places, masses, strict=True):
             lines += [f"- symbol: {name}", f"  coordinates: {_write_row(place.tolist())}", f"  mass: {write_float(mass)}"]
         lines.append("phonon:")
-        hertz, velocities = frequencies / unit.hertz, velocities / (self.scales.length * unit.hertz)
-        parts = np.stack([motion.real, motion.imag], axis=-1)
+        hertz = frequencies / unit.hertz
         for i, j in np.ndindex(s, p):
             lines += [f"- q-position: {_write_row(self.qpoints[i, j].tolist())}"]
             lines += [f"  distance: {write_float(float(self.distances[i, j]))}"]
@@ -292,8 +303,10 @@ class Bands(Result):
             lines.append("  band:")
             for k in range(still + b):
                 lines += [f"  - # {k + 1}", f"    frequency: {write_float(float(hertz[i, j, k]))}"]
-                lines += [f"    group_velocity: {_write_row(velocities[i, j, k].tolist())}", "    eigenvector:"]
-                for atom in parts[i, j, :, :, k].tolist():
+                if velocities is not None:
+                    lines.append(f"    group_velocity: {_write_row(velocities[i, j, k].tolist())}")
+                lines += ["    eigenvector:"] * (parts is not None)
+                for atom in () if parts is None else parts[i, j, :, :, k].tolist():
                     lines += ["    -", *(f"      - {_write_row(pair)}" for pair in atom)]
         write_text(path, seal(lines))
 
@@ -325,18 +338,22 @@ class Bands(Result):
             motions, periods = read_motions(own, b // max(n, 1))
             cell = read_numbers("lattice", data["lattice"])
             qpoints = read_numbers("q-position", [q["q-position"] for q in phonon]).reshape(s, p, 3)
-            parts = read_numbers("eigenvector", [[mode["eigenvector"] for mode in q] for q in bands])
-            vectors = (parts[..., 0] + 1j * parts[..., 1]).reshape(s, p, b, n, 3 * per_ball)
-            vectors[..., 3:] *= find_offset_phases(qpoints, cell)[:, :, None, None, None]
-            vectors = vectors[..., list(motions.slots)]
+            vectors, velocities = None, None
+            if "eigenvector" in bands[0][0]:
+                parts = read_numbers("eigenvector", [[mode["eigenvector"] for mode in q] for q in bands])
+                moved = (parts[..., 0] + 1j * parts[..., 1]).reshape(s, p, b, n, 3 * per_ball)
+                moved[..., 3:] *= find_offset_phases(qpoints, cell)[:, :, None, None, None]
+                vectors = np.moveaxis(moved[..., list(motions.slots)].reshape(s, p, b, -1), 2, 3)
+            if "group_velocity" in bands[0][0]:
+                travel = read_numbers("group_velocity", [[mode["group_velocity"] for mode in q] for q in bands])
+                if np.any(travel[..., periods:]):
+                    raise InputError(f"It has a group_velocity across its {counted(periods, 'period')}")
+                velocities = travel[..., :periods].reshape(s, p, b, periods) * scales.length * hertz
             pairs = [[str(x) for x in pair] for pair in data["labels"]]
             labels = [pairs[0][0]]
             for pair, following in zip(pairs, [*pairs[1:], None], strict=True):
                 jump = following is not None and following[0] != pair[1]
                 labels.append(f"{pair[1]}|{following[0]}" if jump and following else pair[1])
-            velocities = read_numbers("group_velocity", [[mode["group_velocity"] for mode in q] for q in bands])
-            if np.any(velocities[..., periods:]):
-                raise InputError(f"It has a group_velocity across its {counted(periods, 'period')}")
             coordinates = read_numbers("coordinates", [point["coordinates"] for point in points])
             masses = read_numbers("mass", [point["mass"] for point in points])
             kinds = read_kinds(own, symbols[::per_ball])
@@ -346,10 +363,9 @@ class Bands(Result):
                 qpoints,
                 read_numbers("distance", [q["distance"] for q in phonon]).reshape(s, p),
                 read_numbers("frequency", [[mode["frequency"] for mode in q] for q in bands]).reshape(s, p, b) * hertz,
-                velocities[..., :periods].reshape(s, p, b, periods) * scales.length * hertz,
-                np.moveaxis(vectors.reshape(s, p, b, -1), 2, 3), tuple(labels), cell,
+                velocities, vectors, tuple(labels), cell,
                 coordinates[::per_ball], masses[::per_ball], scales, tuple(own["warnings"]), motions,
-                tuple(own.get("pbc", ())), kinds,
+                tuple(own.get("pbc", (True,) * periods)), kinds,
                 read_numbers("gyration", own["gyration"], (n,)) if "gyration" in own else None,
             )  # fmt: skip
             found._check()

@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import Lattice
-from granphon.base.errors import InputError, Refused, brief
+from granphon.base.errors import InputError, Refused, brief, needing
 from granphon.base.quantities import NUMBER, fraction
 from granphon.base.text import closest, counted, show
 from granphon.base.validation import real_array, require, texts, whole_number
 from granphon.dynamics.compatibility import require_digits
+from granphon.dynamics.zone_quadrature import shortest_vectors
 
 Array = NDArray[np.float64]
 #: the pieces of a path, each a tuple of points of three numbers
@@ -73,7 +74,8 @@ def default_letters(vectors: ArrayLike, pbc: Sequence[bool] = ()) -> str:
 
 def _find_band_path(vectors: ArrayLike, pbc: Sequence[bool]) -> Any:
     """Return ASE's band path of a cell with lattice vectors (p, d), which knows its special points and the standard path."""
-    from ase.cell import Cell
+    with needing("A path through the zone"):
+        from ase.cell import Cell
 
     given, cell = np.asarray(vectors), np.eye(3)
     p = len(given)
@@ -81,6 +83,11 @@ def _find_band_path(vectors: ArrayLike, pbc: Sequence[bool]) -> Any:
     # a cluster, which repeats nowhere, has the zone of the cell that it was put into
     repeats = pbc if any(pbc) else (True,) * p
     return Cell(cell).bandpath(npoints=0, pbc=(*repeats, *(False,) * (3 - p)))
+
+
+def split_letters(path: str) -> list[list[str]]:
+    """Return the letters of special points in each piece of a path: "GX1,LG" is [["G", "X1"], ["L", "G"]]."""
+    return [[name for name in re.split("([A-Z][a-z0-9]*)", piece) if name] for piece in path.split(",")]
 
 
 # -- points along a path --------------------------------------------------------------------------------------------
@@ -115,9 +122,7 @@ def interpolate_path(
     pieces: list[Array] = []
     said: list[str] = []  # labels of the corners where none are given
     if isinstance(path, str):
-        from ase.dft.kpoints import parse_path_string
-
-        for letters in parse_path_string(path):
+        for letters in split_letters(path):
             unknown = [letter for letter in letters if letter not in special_points]
             if unknown:
                 what = f"there is no special point {', '.join(unknown)} in this Brillouin zone"
@@ -132,7 +137,8 @@ def interpolate_path(
             except InputError:  # the path may be a list of arrays of different lengths
                 corners = [real_array("path", piece) for piece in given]
         except TypeError:
-            raise InputError(f"a path is letters or numbers, not {brief(given)}") from None
+            mend = "Give letters such as 'GKMG', or corners in fractions of the reciprocal cell"
+            raise InputError(f"a path is letters or numbers, not {brief(given)}", mend=mend) from None
         if corners and corners[0].ndim == 3:
             corners = list(corners[0])
         if not corners:
@@ -147,16 +153,17 @@ def interpolate_path(
         said = list(labels if isinstance(labels, str) else texts("labels", labels))  # of a string, each letter is a label
     corner_count = sum(map(len, pieces))
     if len(said) != corner_count:
-        raise InputError(f"{counted(len(said), 'label')} for {counted(corner_count, 'corner')} of the path")
+        mend = "Give one for each corner"
+        raise InputError(f"{counted(len(said), 'label')} for {counted(corner_count, 'corner')} of the path", mend=mend)
     segments: list[Array] = []
     ticks: list[str] = []
     for piece in pieces:
         name, said = said[: len(piece)], said[len(piece) :]
         if len(piece) < 2:
-            raise InputError("a path needs at least two corners")
+            raise InputError("a path needs at least two corners", mend="Name another point")
         check_inside(piece, periods, "the path")
         if np.any(np.all(np.diff(piece, axis=0) == 0.0, axis=1)):
-            raise InputError("two corners that follow each other on the path are the same point")
+            raise InputError("two corners that follow each other on the path are the same point", mend="Leave one out")
         for start, stop in itertools.pairwise(piece):
             segments.append(start + (stop - start) * np.linspace(0.0, 1.0, count)[:, None])
             segments[-1][-1] = stop
@@ -303,10 +310,8 @@ class BandPath:
                 return cls(read_paths(value, structure.periods))
             except Refused:  # ASE, which knows the letters, is asked for a message only
                 return cls(read_paths(value, structure.periods, default_letters(structure.vectors)))
-        from ase.dft.kpoints import parse_path_string
-
         known, letters = special_points(structure.vectors), default_letters(structure.vectors)
-        names = [tuple(piece) for piece in parse_path_string("".join(value.split()))]
+        names = [tuple(piece) for piece in split_letters("".join(value.split()))]
         if unknown := [name for piece in names for name in piece if name not in known]:
             allowed = f"{', '.join(known)}, such as {letters}, or points in numbers"
             raise Refused(f"{show(value)}, with the letter {unknown[0]}", allowed)
@@ -354,7 +359,7 @@ def zone_polygon(reciprocal: ArrayLike) -> Array:
 
     ``reciprocal`` is (2, 2); the corners have its unit.
     """
-    a, b = short = _reduce(reciprocal)
+    a, b = short = shortest_vectors(np.asarray(reciprocal, float))
     b = -b if a @ b > 0.0 else b
     # the angle of a and b is at least 90 degrees, so that these are the neighbours of the origin in turn; each corner of the
     # zone is as far from two successive neighbours as from the origin
@@ -374,7 +379,7 @@ def zone_faces(reciprocal: ArrayLike) -> list[Array]:
     # imported here, as only a zone in space needs it; the function of ASE would load matplotlib
     from scipy.spatial import Voronoi
 
-    short, faces = _reduce(reciprocal), []
+    short, faces = shortest_vectors(np.asarray(reciprocal, float)), []
     size = float(np.linalg.norm(short, axis=1).max())
     points = np.array(list(itertools.product((-1, 0, 1), repeat=3))) @ short / size
     cells, gamma = Voronoi(points), 13
@@ -388,14 +393,3 @@ def zone_faces(reciprocal: ArrayLike) -> list[Array]:
         if np.linalg.norm(area) > _SAME_CORNER:
             faces.append(np.asarray(corners[:: 1 if area @ outward > 0.0 else -1] * size))
     return faces
-
-
-def _reduce(reciprocal: ArrayLike) -> Array:
-    """Return the shortest vectors (p, p) of the lattice of the rows of ``reciprocal``, p = 2 or 3."""
-    # imported here, as only a figure with a zone needs it
-    from ase.geometry.minkowski_reduction import minkowski_reduce
-
-    given = np.asarray(reciprocal, dtype=np.float64)
-    p, cell = len(given), np.eye(3)
-    cell[:p, :p] = given
-    return np.asarray(minkowski_reduce(cell, pbc=np.arange(3) < p)[0][:p, :p])

@@ -6,16 +6,11 @@ import itertools
 import os
 from collections.abc import Sequence
 from functools import cached_property
-from types import SimpleNamespace
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
-from phonopy.phonon.mesh import Mesh
-from phonopy.phonon.spectrum import SmearingDOSAccumulator
-from phonopy.phonon.tetrahedron_method import get_integration_weights
-from phonopy.structure.atoms import PhonopyAtoms
 
 from granphon.balls.contact_table import touch_once_at_most
 from granphon.base.errors import InputError, brief, needing
@@ -25,6 +20,8 @@ from granphon.base.validation import grid_numbers, is_one_of, positive, real_arr
 from granphon.dynamics.compatibility import MOST_BYTES
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.damping import ContactDamping, DampedModes, damp_evenly, damp_unevenly
+from granphon.media import cost as costs
+from granphon.media.cost import Cost
 from granphon.media.state import State, as_state, given_state
 from granphon.networks.network import given_network
 from granphon.observables.validity import find_warnings
@@ -33,9 +30,12 @@ from granphon.phonons.calculator import HertzMindlin, contact_blocks
 from granphon.phonons.calculator import atoms as lattice_atoms
 from granphon.phonons.complex_bands import ComplexBands, find_complex_bands
 from granphon.phonons.dos import DensityOfStates
+from granphon.phonons.mesh import ZoneMesh, find_point_group
 from granphon.phonons.paths import LARGEST_COUNT, MESHES, check_inside, default_letters, interpolate_path, special_points
 from granphon.phonons.phonopy_atoms import OFFSET, name_atoms, place_atoms
-from granphon.phonons.phonopy_bridge import ContactPhonopy, write_phonopy
+
+if TYPE_CHECKING:
+    from granphon.phonons.phonopy_bridge import ContactPhonopy
 
 Array = NDArray[np.float64]
 
@@ -61,8 +61,6 @@ _STARTS, _TURNS = 6, 30
 _FEW_BRANCHES = 120
 #: step, 1/d, after which the frequency is that of the extremum to rounding
 _LEVEL = 1e-8
-#: number of wave vectors, of similar frequencies, whose weights in the tetrahedron method are computed together
-_POINTS_TOGETHER = 128
 
 
 class Phonons:
@@ -176,6 +174,11 @@ class Phonons:
         it. Coordinates without a motion give flat branches at zero. Six motions take two atoms: "Fe" holds u, and "Sn", a
         little aside, w. The eigenvector of the second has the phase of its own place, exp(i q.offset) less than the ball.
         """
+        with needing("A phonopy object"):
+            from phonopy.structure.atoms import PhonopyAtoms
+
+            from granphon.phonons.phonopy_bridge import ContactPhonopy
+
         cell, spread, motions = np.array(self.atoms.cell), np.ptp(self.atoms.positions, axis=0), self.lattice.motions
         periods = np.arange(3) < self._periods
         open_ends = np.where(periods, ~np.asarray(self.atoms.pbc), spread > 0.5)
@@ -286,7 +289,7 @@ class Phonons:
 
     def bands(
         self, path: str | ArrayLike | Sequence[ArrayLike] | None = None, npoints: int = 101,
-        labels: Sequence[str] | None = None,
+        labels: Sequence[str] | None = None, eigenvectors: bool = True,
     ) -> Bands:  # fmt: skip
         """Return the band structure along a path.
 
@@ -297,6 +300,8 @@ class Phonons:
             hexagonal cell, GXMG on a square one, GXWKGL in fcc; GX of atoms that repeat along one axis.
         npoints : points in each segment, both ends counted.
         labels : names of the corners; by default the letters, or the coordinates.
+        eigenvectors : whether to find eigenvectors and group velocities, from which colours and characters follow. In a
+            large cell frequencies alone take a fifth of the time and next to no memory, see :meth:`estimate`.
         """
         letters = self.special_points if path is None or isinstance(path, str) else {}
         way = default_letters(self._lattice_vectors, self._repeats.tolist()) if path is None else path
@@ -310,18 +315,32 @@ class Phonons:
         along[p - 1 :: p] *= -1.0  # at the last point of a segment the limit is taken from inside the segment
         b, d = self.lattice.n_branches, self._periods
         size = 16 * q.size // d * b * b
-        if size > MOST_BYTES:
+        if eigenvectors and size > MOST_BYTES:
             what = f"{b} eigenvectors at {q.size // d} wave vectors take {size / 2**30:.3g} GiB of memory"
-            mend = "Give fewer npoints or segments, or take Phonons.frequencies(qpoints), which keeps no eigenvectors"
+            mend = "Give fewer npoints or segments, or eigenvectors=False"
             raise InputError(what, f"Bands of more than {MOST_BYTES >> 30} GiB are not made", mend)
-        modes = self.lattice.modes(q.reshape(-1, d), along)
+        velocities, vectors = None, None
+        if eigenvectors:
+            modes = self.lattice.modes(q.reshape(-1, d), along)
+            values, vectors = modes.frequencies, modes.eigenvectors.reshape(s, p, b, b)
+            velocities = modes.group_velocities.reshape(s, p, b, d) * self.scales.velocity
+        else:
+            values = self.lattice.frequencies(q.reshape(-1, d))
         return Bands(
-            segments, distances, modes.frequencies.reshape(s, p, b) * self.scales.frequency,
-            modes.group_velocities.reshape(s, p, b, d) * self.scales.velocity, modes.eigenvectors.reshape(s, p, b, b),
+            segments, distances, values.reshape(s, p, b) * self.scales.frequency, velocities, vectors,
             ticks, np.asarray(self.atoms.cell), self.atoms.get_scaled_positions(wrap=False), self.atoms.get_masses(),
-            self.scales, self._find_warnings(q.reshape(-1, d), modes.frequencies), self.lattice.motions,
+            self.scales, self._find_warnings(q.reshape(-1, d), values), self.lattice.motions,
             tuple(self._repeats.tolist()), self.state.kinds, self.lattice.gyration,
         )  # fmt: skip
+
+    def estimate(self, points: int, eigenvectors: bool = True) -> Cost:
+        """Return what bands, or frequencies, at so many wave vectors cost on one processor of this machine, before they do.
+
+        :attr:`~granphon.media.cost.Cost.text` says it in words; ``memory`` is in bytes, and ``seconds`` is the processor's
+        time. Of cells with hundreds of branches it follows from a small matrix that is timed on this machine.
+        """
+        count = whole_number("points", points, 1, LARGEST_COUNT)
+        return costs.bands(count, self.lattice.n_branches, eigenvectors, file=False)
 
     def complex_bands(
         self, frequencies: ArrayLike, axis: Any = 0, q: ArrayLike = (), *, damping: Any = 0.0, loss_factor: Any = 0.0
@@ -384,7 +403,7 @@ class Phonons:
             # each value is the mean over its own interval, a difference of the integrated density: van Hove singularities
             # stay finite, and the trapezoidal sum over the points is exactly the number of modes
             edges = np.concatenate([at[:1], 0.5 * (at[1:] + at[:-1]), at[-1:]])
-            integrated = integrate_tetrahedra(grid, values, parts, edges)
+            integrated = grid.count_modes(self.lattice.reciprocal, values, parts, edges)
             integrated[:, 0] = 0.0  # modes at zero belong to the first interval
             density = np.diff(integrated, axis=1) / np.diff(edges)
         else:
@@ -399,12 +418,11 @@ class Phonons:
                 what = f"sigma = {sigma!r} Hz is below the spacing of {count} points"
                 raise InputError(what, mend="Raise sigma, or take more points")
             # the part of a Gaussian below zero frequency is reflected, so that no mode is lost
-            density = sum(
-                SmearingDOSAccumulator(
-                    side, grid.weights, mode_property=parts, sigma=width, sampling_points=at
-                ).result.density
-                for side in (values, -values)
+            weight = parts * grid.weights[:, None] / (np.prod(numbers) * np.sqrt(2.0 * np.pi) * width)
+            bells = (
+                np.exp(-0.5 * ((one - values) / width) ** 2) + np.exp(-0.5 * ((one + values) / width) ** 2) for one in at
             )
+            density = np.stack([np.sum(weight * bell, axis=(1, 2)) for bell in bells], axis=1)
         density = density / (len(self.atoms) * self.scales.frequency)
         return DensityOfStates(
             at * self.scales.frequency, density[0], density[1], method, numbers, self._find_warnings(q, values)
@@ -494,42 +512,12 @@ class Phonons:
             reach *= 0.7 if np.max(np.abs(offsets[place])) < 1.0 else 0.95
         return best
 
-    def _make_mesh(self, numbers: tuple[int, ...], reduce: bool = True) -> Mesh:
-        """Return a Gamma-centred mesh, reduced by the point group of the lattice if the frequencies have its symmetry."""
-        dataset, count = self._find_symmetry() if reduce else None, np.array(_pad(numbers))
-        if dataset is not None and np.any(dataset.rotations[:, count[:, None] != count] != 0):
-            dataset = None  # a rotation that mixes axes of different numbers does not map this mesh on itself
-        symmetry = None if dataset is None else SimpleNamespace(dataset=dataset)
-        return Mesh(
-            self.phonopy.dynamical_matrix, count, is_gamma_center=True,
-            is_mesh_symmetry=dataset is not None, primitive_symmetry=symmetry,
-        )  # fmt: skip
-
-    def _find_symmetry(self) -> Any:
-        """Return spglib's dataset of the space or layer group, or None if the frequencies do not have that symmetry."""
-        with needing("A mesh that is reduced by symmetry"):
-            import spglib
-
-        p = self._periods
-        if p == 1:
-            return None
-        scalars = [self.atoms.get_masses(), self.atoms.arrays.get("diameter_deviations", np.zeros(len(self.atoms)))]
-        _, kinds = np.unique(np.stack(scalars), axis=1, return_inverse=True)
-        cell = (np.asarray(self.atoms.cell), self.atoms.get_scaled_positions(wrap=True), kinds.ravel() + 1)
-        try:
-            if p == 2:
-                dataset = spglib.get_symmetry_layerdataset(cell, aperiodic_dir=2, symprec=1e-5)
-            else:
-                dataset = spglib.get_symmetry_dataset(cell, symprec=1e-5)
-        except spglib.SpglibError:
-            return None
-        if dataset is None:
-            return None
-        # spglib knows the places of the balls, not the stiffness of contacts: compare frequencies at equivalent q points
-        generic = np.array([0.1234, 0.2871, 0.3917][:p] + [0.0] * (3 - p))
-        images = np.einsum("rji,j->ri", dataset.rotations, generic)
-        values = self.lattice.frequencies(self.lattice.wavevectors(images))
-        return dataset if np.ptp(values, axis=0).max() <= 1e-10 * values.max() else None
+    def _make_mesh(self, numbers: tuple[int, ...], reduce: bool = True) -> ZoneMesh:
+        """Return a Gamma-centred mesh, reduced by the point group of the frequencies."""
+        lattice, group = self.lattice, None
+        if reduce:
+            group = find_point_group(self.atoms, self._periods, lambda q: lattice.frequencies(lattice.wavevectors(q)))
+        return ZoneMesh.of(numbers, group)
 
     # -- files ------------------------------------------------------------------------------------------------------
 
@@ -547,53 +535,15 @@ class Phonons:
 
         :func:`load_phonopy` reads the file back without the auxiliary atom. The folder is made if need be.
         """
-        top = self.lattice.top_frequency * self.scales.frequency
-        write_phonopy(self.phonopy, path, self.scales, top, self.lattice.motions, self._periods, self.state.kinds)
+        bridge, top = self.phonopy, self.lattice.top_frequency * self.scales.frequency
+        from granphon.phonons.phonopy_bridge import write_phonopy  # by now it can be imported
+
+        write_phonopy(bridge, path, self.scales, top, self.lattice.motions, self._periods, self.state.kinds)
 
 
 def _pad(numbers: tuple[int, ...]) -> list[int]:
     """Return the numbers of cells or wave vectors along three axes."""
     return [*numbers, *(1,) * (3 - len(numbers))]
-
-
-def integrate_tetrahedra(grid: Mesh, frequencies: Array, parts: Array, limits: Array) -> Array:
-    """Return the number of modes per cell below each limit, (n_parts, n), by the linear tetrahedron method.
-
-    Parameters
-    ----------
-    grid : the mesh, reduced by symmetry, whose ``qpoints`` have the ``frequencies``.
-    frequencies : (n_q, n_branches).
-    parts : (n_parts, n_q, n_branches), what of each mode is counted.
-    limits : (n,), ascending.
-
-    Notes
-    -----
-    Phonopy computes a weight for each mode and limit. It is zero below all frequencies of the neighbouring points and one
-    above them; only what lies between is asked of phonopy, which saves most of the time and of the memory.
-    """
-    zone = grid.bz_grid
-    reduced = np.searchsorted(grid.ir_grid_points, grid.grid_mapping_table)
-    counted = np.zeros((len(parts), len(limits)))
-    for branch in range(frequencies.shape[1]):
-        values, share = frequencies[:, [branch]], parts[:, :, branch] * grid.weights
-        # the least and the greatest frequency of each mesh point and its neighbours along the three axes
-        lowest = highest = values[reduced, 0].reshape(zone.D_diag[::-1])
-        for axis in range(3):
-            lowest = np.minimum(lowest, np.minimum(np.roll(lowest, 1, axis), np.roll(lowest, -1, axis)))
-            highest = np.maximum(highest, np.maximum(np.roll(highest, 1, axis), np.roll(highest, -1, axis)))
-        low, high = (bound.ravel()[grid.ir_grid_points] for bound in (lowest, highest))
-        order = np.argsort(low, kind="stable")
-        for points in np.array_split(order, -(-len(order) // _POINTS_TOGETHER)):
-            first = int(np.searchsorted(limits, low[points].min()))
-            last = int(np.searchsorted(limits, high[points].max(), side="right"))
-            if last > first:
-                weights = get_integration_weights(
-                    limits[first:last], values, zone, grid_points=zone.grg2bzg[grid.ir_grid_points[points]],
-                    bzgp2irgp_map=reduced[zone.bzg2grg], function="J",
-                )  # fmt: skip
-                counted[:, first:last] += np.einsum("pq,qn->pn", share[:, points], weights[:, :, 0])
-            counted[:, last:] += share[:, points].sum(axis=1)[:, None]
-    return np.asarray(counted / np.prod(zone.D_diag))
 
 
 def _check_qpoints(qpoints: ArrayLike, periods: int) -> Array:

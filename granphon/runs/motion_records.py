@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
+import io
 import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields
 from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple, Self
@@ -17,10 +16,10 @@ from scipy.spatial import cKDTree
 
 from granphon.array.sample import standard_error
 from granphon.base.errors import ConvergenceError, InputError, StoppedEarlyWarning
-from granphon.base.results import plain
 from granphon.base.tables import Heading, table_text
+from granphon.media.crystal import CrystalState
+from granphon.media.state import NetworkStates
 from granphon.networks.network import ContactNetwork, given_network
-from granphon.runs.netcdf import netcdf_bytes, open_bytes
 from granphon.waves.motion import Motion
 from granphon.waves.nonlinear import Drive, NonlinearWaves
 from granphon.waves.pulses import read_balls, read_vector
@@ -28,10 +27,6 @@ from granphon.waves.settings import MotionSettings
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
-#: dimensions of the arrays of a motion and of its network in a file, by the letters of their shapes
-_DIMS = {"f": "frame", "n": "ball", "c": "contact", "3": "axis", "m": "meeting", "2": "pair"}
-#: what files of motions say they are, and what names of their network begin with
-_FORMAT, _NETWORK = "granphon motion", "network."
 #: what is found of a motion, and over time, by the names of the catalogue; and what has standard errors over samples
 NUMBERS = (
     "front_velocity", "peak_velocity", "greatest_force", "energy_translation", "energy_rotation", "energy_stored",
@@ -48,6 +43,14 @@ _BETWEEN, _STRAIGHT = (0.25, 0.75), 0.9
 # -- how it is made ---------------------------------------------------------------------------------------------------
 
 
+def make_waves(x: Any, network: ContactNetwork, settings: MotionSettings) -> NonlinearWaves:
+    """Return the balls of a ``network``, made of the state, sample or network ``x``, with the law of its contacts."""
+    state = x.source if isinstance(x, NetworkStates) else x
+    law = state.crystal.law if isinstance(state, CrystalState) else None
+    mu = math.inf if settings.friction_coefficient is None else settings.friction_coefficient
+    return NonlinearWaves(network, law, friction_coefficient=mu, damping=settings.damping, geometry=settings.geometry)
+
+
 class PreparedMotion:
     """The balls of a state, or of a network, that move, and what drives them.
 
@@ -61,11 +64,9 @@ class PreparedMotion:
     """
 
     def __init__(self, x: Any, settings: MotionSettings) -> None:
-        law = getattr(getattr(getattr(x, "source", x), "crystal", None), "law", None)
-        mu = math.inf if settings.friction_coefficient is None else settings.friction_coefficient
         network = settings.shape(given_network(x))
         self.settings = settings
-        self.waves = NonlinearWaves(network, law, friction_coefficient=mu, damping=settings.damping)
+        self.waves = make_waves(x, network, settings)
         self.drives, self.velocities = list[Drive](), np.zeros((network.n_balls, 3))
         for one in settings.drive:
             balls = read_balls("balls of the drive", one.find_balls(network), network)
@@ -86,7 +87,9 @@ class PreparedMotion:
             # its frames would not be those of other loads and samples
             warnings.simplefilter("error", StoppedEarlyWarning)
             try:
-                return self.waves.run(of.duration, None, self.velocities, self.drives, frames=of.frames, step=of.step)
+                return self.waves.run(
+                    of.duration, None, self.velocities, self.drives, frames=of.frames, step=of.step, scheme=of.scheme
+                )
             except StoppedEarlyWarning as stopped:
                 if stopped.interrupted:
                     raise KeyboardInterrupt from None
@@ -156,7 +159,13 @@ def record_motion(x: Any, settings: MotionSettings) -> tuple[dict[str, Array], d
     }  # fmt: skip
     over_time = (motion.translation, motion.rotation, motion.stored, motion.lost, supplied, motion.forces.max(axis=1))
     kept = {name: np.array(float(value)) for name, value in numbers.items()} | {"motion": np.array(over_time)}
-    return kept, {"motion": lambda: motion_bytes(motion)}
+
+    def write() -> bytes:
+        stream = io.BytesIO()
+        motion.write(stream)
+        return stream.getvalue()
+
+    return kept, {"motion": write}
 
 
 def average_motions(records: Sequence[Mapping[str, Array]], _: MotionSettings) -> tuple[dict[str, Array], list[str]]:
@@ -181,46 +190,11 @@ def average_motions(records: Sequence[Mapping[str, Array]], _: MotionSettings) -
 # -- files ------------------------------------------------------------------------------------------------------------
 
 
-def motion_bytes(motion: Motion) -> bytes:
-    """Return the bytes of a netCDF file of a motion and its network, which :func:`read_motion` reads."""
-    from xarray import Dataset
-
-    variables, attrs = dict[str, Any](), {"format": _FORMAT}
-    for result, before in ((motion, ""), (motion.network, _NETWORK)):
-        rest = dict[str, Any]()
-        for name in (one.name for one in fields(result)):
-            value = getattr(result, name)
-            dims = [_DIMS[letter] for letter in result._shapes.get(name, "").rstrip("?").split()]
-            if isinstance(value, np.ndarray) and len(set(dims)) == value.ndim:
-                variables[before + name] = (tuple(dims), value, {"units": result.units.get(name, "1")})
-            elif not isinstance(value, ContactNetwork):
-                rest[name] = plain(value)
-        attrs[f"{before}rest"] = json.dumps(rest)
-    return netcdf_bytes(Dataset(variables, attrs=attrs))
-
-
-def read_motion(name: str, data: bytes) -> Motion:
-    """Read what :func:`motion_bytes` made, called ``name`` in messages; InputError for anything else."""
-    try:
-        dataset = open_bytes(data)
-        if dataset.attrs.get("format") != _FORMAT:
-            raise ValueError("it holds no motion")
-        found: dict[str, dict[str, Any]] = {before: json.loads(dataset.attrs[f"{before}rest"]) for before in (_NETWORK, "")}
-        for key, variable in dataset.data_vars.items():
-            before = _NETWORK if str(key).startswith(_NETWORK) else ""
-            found[before][str(key).removeprefix(before)] = variable.values
-        network = ContactNetwork.from_dict(found[_NETWORK] | {"class": "ContactNetwork"})
-        return Motion.from_dict(found[""] | {"class": "Motion", "network": network})
-    except InputError:
-        raise
-    except Exception as error:  # whatever makes HDF5, h5netcdf or xarray fail is in the data
-        raise InputError(f"{name} cannot be read", str(error), "Run the scene again") from None
-
-
 def write_contacts(motion: Motion, path: Path, settings: MotionSettings) -> None:
     """Write a table of the contacts: where they are, and when and how strongly they are pressed."""
     passage, network = Passage.of(motion, find_source(settings, motion.network)), motion.network
-    columns: list[tuple[str, str, Any]] = [("ball_i", "", network.i), ("ball_j", "", network.j)]
+    ends = np.concatenate([np.column_stack([network.i, network.j]), motion.met])
+    columns: list[tuple[str, str, Any]] = [("ball_i", "", ends[:, 0]), ("ball_j", "", ends[:, 1])]
     columns += [(axis, "m", one) for axis, one in zip("xyz", motion.middles.T, strict=True)]
     columns += [("distance", "m", passage.distances), ("arrival", "s", passage.arrivals), ("peak", "s", passage.peaks)]
     columns.append(("greatest_force", "N", passage.heights))

@@ -9,6 +9,7 @@ the observables that the catalogue lists under the costs "dos", "spectrum" and "
 
 from __future__ import annotations
 
+import io
 import json
 import math
 from collections.abc import Sequence
@@ -24,14 +25,11 @@ from granphon.array.sample import Sample, standard_error
 from granphon.balls.loads import Load
 from granphon.base.errors import GranphonError, InputError
 from granphon.base.results import Result
-from granphon.base.text import read_bytes
 from granphon.media.choice import ServingMedium
 from granphon.media.cost import find_typical_force
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.state import ContactState, ideal_lattice
 from granphon.phonons.surfaces import SurfaceSpectrum
-from granphon.runs.motion_records import read_motion
-from granphon.runs.netcdf import MOST_BYTES
 from granphon.runs.network_records import RECORDS, Record
 from granphon.waves.chebyshev import Kernel
 from granphon.waves.dos import SpectralDensity
@@ -182,7 +180,7 @@ class SampleWaves:
                 spectra, ends, way, state.contact_lattice(), state.scales, list(map(np.array, wanted.path)), wanted.labels
             )
         sent = [one for record in records if (one := read(record, "pulse", Pulse)) is not None]
-        moved = read_motion("the motion", first[f"{_WHOLE}motion"].tobytes()) if f"{_WHOLE}motion" in first else None
+        moved = Motion.read(io.BytesIO(first[f"{_WHOLE}motion"].tobytes())) if f"{_WHOLE}motion" in first else None
         return cls(read(first, "dos", SpectralDensity), path, average_pulses(sent) if sent else None, moved)
 
     @property
@@ -195,7 +193,7 @@ class SampleWaves:
 def read_waves(path: Path) -> Any:
     """Read the result in a file ``sample_dos.json``, ``spectrum.json``, ``pulse.json``, ``surface.json``, ``motion.nc``."""
     if path.suffix == ".nc":
-        return read_motion(str(path), read_bytes(path, MOST_BYTES))
+        return Motion.read(path)
     kinds: dict[str, type[Result]] = {
         "sample_dos": SpectralDensity, "spectrum": PathSpectra, "pulse": Pulse, "surface": SurfaceSpectrum,
     }  # fmt: skip

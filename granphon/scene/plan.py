@@ -701,7 +701,8 @@ def _estimate_waves(medium: DirectSimulation, load: Load, wanted: WaveSettings) 
 
 def _estimate_motion(serving: ServingMedium, wanted: MotionSettings) -> Cost | None:
     """Estimate memory and time of the motions of a medium at all its loads; None if no state of it is quickly found."""
-    from granphon.runs.network_records import find_typical_state  # imported here: other scenes do not need it
+    from granphon.runs.motion_records import make_waves  # imported here: other scenes do not need it
+    from granphon.runs.network_records import find_typical_state
     from granphon.waves.operator import WaveOperator
 
     if (state := find_typical_state(serving)) is None:
@@ -709,9 +710,11 @@ def _estimate_motion(serving: ServingMedium, wanted: MotionSettings) -> Cost | N
     network, arrays = state.network, serving.arrays
     cells = math.prod(wanted.repeat) * math.prod(layers for _, layers, _ in wanted.cut)
     cells *= math.prod(arrays[0].cells) if arrays else 1
-    speed = max((one.impact or 0.0 for one in wanted.drive), default=0.0)
+    # whose contacts are those of the whole array, but for its edges
+    few = network.repeat((3,) * sum(network.pbc)) if any(network.pbc) else network
+    step = wanted.step or make_waves(state, few, wanted).find_step(max(one.impact or 0.0 for one in wanted.drive))
+    each = math.ceil(wanted.duration / (wanted.frames - 1) / step)
     return costs.motion(
-        wanted.duration, WaveOperator(network).top, float(np.max(network.masses[network.moving]) * speed**2 /
-        max(float(np.mean(network.normal_force**2 / network.normal_stiffness)), 1e-300)),
-        cells * network.n_balls, cells * network.n_contacts, wanted.frames,
+        each * (wanted.frames - 1), len(WaveOperator(network).rows), cells * network.n_balls, cells * network.n_contacts,
+        wanted.frames, bool(np.any(wanted.damping)), wanted.geometry == "exact", wanted.scheme == "midpoint",
     ).times(serving.load.size * (arrays[0].samples if arrays else 1))  # fmt: skip

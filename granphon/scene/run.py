@@ -446,7 +446,7 @@ def _describe_alone(
 
     with progress.step("force constants"):
         phonons = Phonons(state, dim=scene.dim)
-        if set(scene.observe) & {"bands", "dos"}:
+        if "bands" in scene.observe:
             _ = phonons.phonopy
     if "bands" in scene.observe:
         with progress.step("bands"):
@@ -490,11 +490,9 @@ def write_numbers(result: Any, place: Path, advance: Callable[[int], None]) -> N
             case "sweep.nc":  # and sweep.csv beside it
                 write_sweep(result.dataset, path)
             case "motion.nc":
-                from granphon.runs.motion_records import motion_bytes  # imported here: other runs do not need it
-
-                path.write_bytes(motion_bytes(result.waves.motion))
+                result.waves.motion.write(path)
             case "motion_contacts.csv":
-                from granphon.runs.motion_records import write_contacts
+                from granphon.runs.motion_records import write_contacts  # imported here: other runs do not need it
 
                 write_contacts(result.waves.motion, path, result.scene.motion)
             case _ if stem in ("sweep_dos", "sweep_spectra", "damped_bands", *NETWORK_BLOCKS):

@@ -17,7 +17,6 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.friction import slide_back
 from granphon.balls import hertz
 from granphon.balls.contact_laws import opening_overlap
 
@@ -25,6 +24,8 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 #: contacts that are worked on at a time, which stay in the processor's cache
 _BLOCK = 8192
+#: what stands for zero where it divides zero
+_NONE = np.finfo(float).tiny
 #: change of an overlap, over the overlap, below which the mean force is that of both ends: the rest is below rounding
 _CLOSE = 1e-5
 
@@ -165,11 +166,11 @@ class ContactForces:
             after.k[at] = k
             if len(old):
                 least = np.minimum(k, before.k[at])
-                part = np.divide(least, before.k[at], out=np.zeros_like(k), where=before.k[at] > 0.0)
                 t, way = after.pull[1:, at], moved[:, at]
                 np.multiply(self.ratio[:, at], 0.5 * (k + least), out=t)
                 t *= way
-                t += old[:, at] * part
+                least /= np.maximum(before.k[at], _NONE)  # what the law leaves of a force: nothing where contacts were open
+                t += old[:, at] * least
                 self._slide(after.pull, at)
                 work += 0.5 * float(np.einsum("ij,ij->", t + old[:, at], way))
         return after, work
@@ -177,9 +178,10 @@ class ContactForces:
     def _slide(self, pull: Array, at: slice) -> None:
         if self.mu < math.inf and self.slips:
             limit = self.mu * np.maximum(pull[0, at] + self.normal.rest[at], 0.0)
-            shears = np.ascontiguousarray(pull[1 : 1 + self.slips, at])
-            if len(slide_back(shears, limit)[0]):
-                pull[1 : 1 + self.slips, at] = shears
+            shears = pull[1 : 1 + self.slips, at]
+            size = np.abs(shears[0]) if self.slips == 1 else np.sqrt(np.einsum("ij,ij->j", shears, shears))
+            np.maximum(size, limit, out=size)
+            shears *= np.divide(limit, np.maximum(size, _NONE, out=size), out=size)
 
     def damp(self, k: Array, rates: Array) -> Array:
         """Return what dashpots add to a ``pull`` (rows, n) at the ``rates`` (rows, n) of deformations."""

@@ -6,12 +6,13 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from typing import Any, Literal, Self
+from itertools import chain
+from typing import Any, BinaryIO, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.base.errors import InputError, brief
+from granphon.base.errors import InputError, OutputError, brief
 from granphon.base.records import RecordFile, read_records
 from granphon.base.results import Result, plain
 from granphon.base.validation import number, positive, require, whole_number
@@ -77,19 +78,41 @@ class Motion(Result):
         super().__post_init__()
 
     @classmethod
-    def read(cls, path: str | os.PathLike[str], frames: slice = slice(None)) -> Self:
-        """Return the motion that a run has written to a file, or some of its ``frames``; the run may still go on.
+    def read(cls, path: str | os.PathLike[str] | BinaryIO, frames: slice = slice(None)) -> Self:
+        """Return the motion in a file of a run or of :meth:`write`, or some of its ``frames``; the run may still go on.
+
+        Arrays over frames stay in the file, as :class:`numpy.memmap`: what is used of them is read then, so that a motion
+        may be larger than the memory. An open binary file is read whole.
 
         Raises :class:`~granphon.base.errors.InputError` for a file that is not there, or that is of another kind or schema.
         """
         found, about = read_records(path, _ABOUT, frames)
-        own = {name.removeprefix("network_"): found.pop(name) for name in list(found) if name.startswith("network_")}
-        for name in ("i", "j", "shift", "labels"):
-            if name in own:
-                own[name] = own[name].astype(np.intp)
-        network = ContactNetwork.from_dict({"class": "ContactNetwork", **json.loads(about["network"]), **own})
-        met: Any = found.pop("met", np.zeros((0, 2))).astype(np.intp)
-        return cls(**found, network=network, met=met, step=float(about["step"]))
+        try:
+            own = {name.removeprefix("network_"): found.pop(name) for name in list(found) if name.startswith("network_")}
+            for name in ("i", "j", "shift", "labels"):
+                if name in own:
+                    own[name] = own[name].astype(np.intp)
+            network = ContactNetwork.from_dict({"class": "ContactNetwork", **json.loads(about["network"]), **own})
+            met: Any = found.pop("met", np.zeros((0, 2))).astype(np.intp)
+            motion = cls(**found, network=network, met=met, step=float(about["step"]))
+            motion._check()
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(f"the file of a motion is damaged: {error}", mend="Run again") from None
+        return motion
+
+    def write(self, path: str | os.PathLike[str] | BinaryIO) -> None:
+        """Write a netCDF file, or to an open binary file, for :meth:`read`.
+
+        Raises :class:`~granphon.base.errors.OutputError` where it cannot be written.
+        """
+        names = [name for name, layout in self._shapes.items() if layout[0] == "f"]
+        frames = ({name: getattr(self, name)[at] for name in names} for at in range(len(self.times)))
+        first = next(frames)
+        file = _begin_file(path, self.network, self.step, self.met, first)
+        for frame in chain([first], frames):
+            file.append(frame)
+        if isinstance(path, str | os.PathLike):
+            file.close()
 
     @property
     def energy(self) -> Array:
@@ -111,8 +134,10 @@ class Motion(Result):
     def peaks(self) -> tuple[Array, Array]:
         """Return the times, s, and the heights, N, of the greatest normal force of each contact, each (n_c,).
 
-        Both are those of a parabola through the greatest frame and its neighbours.
+        Both are those of a parabola through the greatest frame and its neighbours; of fewer than three frames, of a frame.
         """
+        if len(self.times) < 3:
+            return self.times[np.argmax(self.forces, axis=0)], np.asarray(self.forces).max(axis=0)
         top = np.clip(np.argmax(self.forces, axis=0), 1, len(self.times) - 2)
         low, most, high = (self.forces[top + shift, np.arange(len(top))] for shift in (-1, 0, 1))
         bend, tilt = low - 2.0 * most + high, low - high
@@ -126,7 +151,7 @@ class Motion(Result):
         """
         change = np.abs(self.forces - self.forces[0])
         level = require("share", lambda value: number(value, 1e-9, 1.0), share) * change.max(axis=0)
-        after = np.maximum(np.argmax(change >= level, axis=0), 1)
+        after = np.clip(np.argmax(change >= level, axis=0), min(1, len(change) - 1), None)
         low, high = (change[at, np.arange(len(level))] for at in (after - 1, after))
         part = np.divide(level - low, high - low, out=np.zeros_like(level), where=high > low)
         return np.where(level > 0.0, self.times[after - 1] + part * (self.times[after] - self.times[after - 1]), np.inf)
@@ -209,6 +234,11 @@ class Frames:
         self._frames: list[dict[str, Any]] = []
         self._file: RecordFile | None = None
         self._count, self.last_time = 0, 0.0
+        if path is not None and os.path.exists(path):
+            try:
+                read_records(path, _ABOUT)
+            except InputError:
+                raise OutputError(f"{os.fspath(path)} is there, and is no motion of granphon", mend="Give another") from None
 
     def __len__(self) -> int:
         return self._count
@@ -237,40 +267,24 @@ class Frames:
         if self._path is None:
             self._frames.append(whole)
             return
-        if self._file is None:
-            self._open([whole])
-        elif new:  # columns are of a fixed number in a file
+        if self._file is not None and not new:
+            self._file.append(whole)
+            return
+        # columns are of a fixed number in a file: it is written anew, and then takes the place of the one before
+        beside, before = f"{os.fspath(self._path)}.new", dict[str, Any]()
+        if self._file is not None:
             self._file.close()
             before = read_records(self._path, _ABOUT)[0]
-            self._open(
-                [{name: values[at] for name, values in before.items() if name in whole} for at in range(self._count - 1)]
-                + [whole]
-            )
-        else:
-            self._file.append(whole)
+        self._file = _begin_file(beside, self._network, self._step, self._met, whole)
+        for at in range(self._count - 1):
+            self._file.append({name: _pad(before[name][at], np.shape(last)) for name, last in whole.items()})
+        self._file.append(whole)
+        del before  # some systems do not replace a file that is in use
+        os.replace(beside, self._path)
 
     @property
     def _met(self) -> Index:
         return np.array([pair[:2] for pair in self._columns], np.intp).reshape(-1, 2)
-
-    def _open(self, frames: Sequence[Mapping[str, Any]]) -> None:
-        """Write a file anew, with some frames, in place of one that may be there."""
-        network, last = self._network, frames[-1]
-        plain_fields = {one.name: getattr(network, one.name) for one in fields(network)}
-        arrays = {name: values for name, values in plain_fields.items() if isinstance(values, np.ndarray)}
-        rest = {name: plain(values) for name, values in plain_fields.items() if name not in arrays}
-        fixed = {f"network_{name}": (values, _name_axes(name, ContactNetwork)) for name, values in arrays.items()}
-        if self._columns:  # a dimension of no length would be the one that grows
-            fixed["met"] = (self._met, _name_axes("met", Motion))
-        growing = {name: (np.shape(values), _name_axes(name, Motion)[1:]) for name, values in last.items()}
-        units = Motion.units | {f"network_{name}": unit for name, unit in ContactNetwork.units.items()}
-        beside = f"{os.fspath(self._path)}.new"
-        about = _ABOUT | {"network": json.dumps(rest), "step": repr(self._step)}
-        file = RecordFile(beside, fixed, growing, units, about)
-        for frame in frames:
-            file.append({name: _pad(frame[name], np.shape(last[name])) for name in growing})
-        os.replace(beside, self._path)
-        self._file = file
 
     def join(self) -> Motion:
         """Return all frames."""
@@ -281,6 +295,19 @@ class Frames:
             name: np.array([_pad(one[name], np.shape(last[name])) for one in self._frames]) for name in last
         }
         return Motion(**stacked, network=self._network, met=self._met, step=self._step)
+
+
+def _begin_file(path: Any, network: ContactNetwork, step: float, met: Index, frame: Mapping[str, Any]) -> RecordFile:
+    """Return a file of a motion, without frames, that takes such as ``frame``."""
+    values = {one.name: getattr(network, one.name) for one in fields(network)}
+    arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+    rest = {name: plain(value) for name, value in values.items() if name not in arrays}
+    fixed = {f"network_{name}": (value, _name_axes(name, ContactNetwork)) for name, value in arrays.items()}
+    if len(met):  # a dimension of no length would be the one that grows
+        fixed["met"] = (met, _name_axes("met", Motion))
+    growing = {name: (np.shape(value), _name_axes(name, Motion)[1:]) for name, value in frame.items()}
+    units = Motion.units | {f"network_{name}": unit for name, unit in ContactNetwork.units.items()}
+    return RecordFile(path, fixed, growing, units, _ABOUT | {"network": json.dumps(rest), "step": repr(step)})
 
 
 def _name_axes(name: str, owner: type[Result]) -> tuple[str, ...]:

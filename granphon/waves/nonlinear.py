@@ -24,6 +24,7 @@ import os
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -35,16 +36,17 @@ from granphon.balls.contact_laws import DMT, JKR, Hertz, PowerLaw, law_between
 from granphon.balls.hertz import HertzLaw
 from granphon.base.errors import InputError, StoppedEarlyWarning, brief
 from granphon.base.progress import Progress, silent
-from granphon.base.validation import not_negative, positive, real_array, whole_number
+from granphon.base.validation import choice, not_negative, positive, real_array, real_number, require, whole_number
 from granphon.dynamics.damping import ContactDamping
 from granphon.media.crystal import Crystal, CrystalState
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.waves.contact_forces import ContactForces, PairLaws, Powers, Touch
-from granphon.waves.directions import FixedDirections, TrueDirections
+from granphon.waves.directions import FixedDirections, PlaneDirections, TrueDirections
 from granphon.waves.motion import Frames, Motion
 from granphon.waves.neighbours import find_neighbours, orient
 from granphon.waves.operator import WaveOperator
 from granphon.waves.pulses import read_balls, read_vector
+from granphon.waves.settings import GEOMETRIES, SCHEMES
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -115,9 +117,7 @@ class NonlinearWaves:
         state = x.touch() if isinstance(x, Crystal) else x
         self.network: ContactNetwork = given_network(state)
         self._state = state if isinstance(state, CrystalState) else None
-        if geometry not in ("lattice", "exact"):
-            raise InputError(f"geometry is {brief(geometry)}", mend='Give "lattice" or "exact"')
-        self.geometry, network = geometry, self.network
+        self.geometry, network = require("geometry", partial(choice, options=GEOMETRIES), geometry), self.network
         if network.prestress and geometry == "lattice":
             why = "Contacts keep their directions in this motion, and static forces would turn them"
             raise InputError("static forces act sideways in this network", why, 'Give geometry="exact"')
@@ -215,7 +215,7 @@ class NonlinearWaves:
             allows. It is halved, and the run begins anew, if contacts become much stiffer.
         scheme : "verlet", explicit and symplectic, whose sum of energies differs from a constant by the square of the step;
             or "midpoint", implicit, four to six times the work, whose sum of energies is constant to rounding, with losses.
-        file : path to which frames are written as they come, for :meth:`Motion.read`; what is there is replaced. It can be
+        file : path to which frames are written as they come, for :meth:`Motion.read`; a motion there is replaced. It can be
             read at any time, and after the program was killed.
         progress : is told how many frames are done.
 
@@ -224,11 +224,11 @@ class NonlinearWaves:
         :class:`~granphon.base.errors.StoppedEarlyWarning`, and returns what there is.
 
         Raises :class:`~granphon.base.errors.InputError` for shapes and numbers that are not allowed, a drive of nothing, a
-        force on a body that is held, and a ``step`` too long for the stiffest contact.
+        force on a body that is held, and a ``step`` too long for the stiffest contact; and
+        :class:`~granphon.base.errors.OutputError` where ``file`` is something else than a motion, or cannot be written.
         """
         length, count = positive("duration", duration, "s"), whole_number("frames", frames, 2)
-        if scheme not in ("verlet", "midpoint"):
-            raise InputError(f"scheme is {brief(scheme)}", mend='Give "verlet" or "midpoint"')
+        require("scheme", partial(choice, options=SCHEMES), scheme)
         if positions is not None:
             if displacements is not None:
                 raise InputError("positions and displacements are given", mend="Give one of both")
@@ -240,8 +240,9 @@ class NonlinearWaves:
             ("displacements", displacements), ("velocities", velocities), ("rotations", rotations), ("spins", spins)
         )]  # fmt: skip
         x, v = start[0] + start[2], start[1] + start[3]
-        wanted = system.choose_step(x, v) if step is None else positive("step", step, "s")
-        if step is not None and wanted * _LEAST_STEPS > _STEPS * system.choose_step(x, v):
+        stable = system.choose_step(x, 0.5 * float(np.max(np.sum(system.operator.values(v) ** 2, axis=1), initial=0.0)))
+        wanted = stable if step is None else positive("step", step, "s")
+        if wanted * _LEAST_STEPS > _STEPS * stable:
             what = f"the step of {wanted:.3g} s is too long for the stiffest contact"
             raise InputError(what, "It would not be stable", "Leave step out")
         least = wanted * 2.0**-_HALVINGS
@@ -271,6 +272,11 @@ class NonlinearWaves:
                 early.interrupted = stopped == _CTRL_C
                 warnings.warn(early, stacklevel=2)
             return kept.join()
+
+    def find_step(self, speed: float = 0.0) -> float:
+        """Return the step, s, of a run from rest, or in which the heaviest ball has a ``speed``, m/s."""
+        system, masses = _System(self, []), self.network.masses[self.network.moving]
+        return system.choose_step(np.zeros(system.operator.size), 0.5 * float(np.max(masses)) * speed**2)
 
     def _require_shape(self, name: str, values: Array) -> None:
         n, d = self.network.n_balls, self.network.dimension
@@ -310,7 +316,11 @@ class _System:
                 self.moved.append((balls, along))
             else:
                 pushed.append((balls, along))
-        self.network = replace(network, masses=masses)
+        driven = np.concatenate([balls for balls, _ in self.moved] or [np.zeros(0, np.intp)])
+        if len(np.unique(driven)) < len(driven) or any(np.any(np.isin(balls, driven)) for balls, _ in pushed):
+            what = "a ball has two drives, of which one is a displacement"
+            raise InputError(what, "It moves as that says, whatever acts on it", "Give it one drive")
+        self.network = replace(network, masses=masses) if self.moved else network
         self.operator = operator = WaveOperator(self.network)
         self.fixed = FixedDirections(operator, self.moved)
         self._ways = [one.displacement for one in drives if one.displacement is not None]
@@ -326,9 +336,6 @@ class _System:
         rooted = np.sqrt(np.where(self.network.moving, masses, 1.0))
         self._push = np.array([field(*one, 1.0 / rooted) for one in pushed]).reshape(len(pushed), operator.size)
         self._weight = field(np.arange(network.n_balls), waves.gravity, rooted)
-        self._turning = np.asarray(operator.vector(
-            np.broadcast_to(operator.motions.is_rotation, (operator.balls.size, operator.motions.count))
-        ))  # fmt: skip
         self._begin()
 
     def _begin(self) -> None:
@@ -343,7 +350,11 @@ class _System:
         if waves.geometry == "exact":
             normal = waves._join_laws(i, j) if len(i) else normal
             rest = waves.normal.rest
-            self.where: Any = TrueDirections(self.operator, self.fixed, self.moved, rest, (i, j, shift), self._bulge)
+            motions = self.operator.motions
+            planar = {*motions.translations} <= {0, 1} and {*motions.rotations} <= {2}
+            planar = planar and not any(np.any(one[..., 2]) for one in (self.network.normal, *(a for _, a in self.moved)))
+            kind = PlaneDirections if planar else TrueDirections
+            self.where: Any = kind(self.operator, self.fixed, self.moved, rest, (i, j, shift), self._bulge)
         else:
             self.where = self.fixed
         times = waves.damping
@@ -376,19 +387,19 @@ class _System:
         out[:, columns] = values[operator.balls][:, list(axes)] * weight
         return np.asarray(operator.vector(out))
 
-    def choose_step(self, x: Array, v: Array) -> float:
-        """Return a step for the contacts at the start, and for those that the fastest ball would press by its own energy."""
+    def choose_step(self, x: Array, energy: float) -> float:
+        """Return a step for the contacts at the start, and for those that a ball of this kinetic energy, J, would press."""
         normal = self.waves.normal
-        energy = 0.5 * float(np.max(np.sum(self.operator.values(v) ** 2, axis=1), initial=0.0))
         e = self.fixed.at(x, np.zeros(len(self.moved)))[0]
         size = float(np.mean(self.network.radii[self.network.moving]))
-        deep = np.full(len(e), 1e-12 * size)
-        if energy > 0.0:
-            for _ in range(200):
-                short = normal.store(-deep) + normal.rest * deep < energy
-                if not np.any(short):
-                    break
-                deep[short] *= 1.25
+        # the first of the depths 1e-12 size 1.25^number that takes the energy, by bisection
+        low, high = np.zeros(len(e)), np.full(len(e), 200.0 if energy > 0.0 else 0.0)
+        while np.any(low < high):
+            middle = np.floor(0.5 * (low + high))
+            deep = 1e-12 * size * 1.25**middle
+            short = normal.store(-deep) + normal.rest * deep < energy
+            low, high = np.where(short, middle + 1.0, low), np.where(short, high, middle)
+        deep = 1e-12 * size * 1.25**low
         _, stiffness = normal.press(np.minimum(-deep, e))
         if np.any(self.waves.gravity):  # what a ball of this network falls by its own size presses
             stiffness = np.maximum(stiffness, self.network.normal_stiffness)
@@ -411,9 +422,8 @@ class _System:
         touch = self.forces.begin(where.elongation(at), where.since(still, at), where.held)
         nothing = np.zeros(self.network.n_contacts)
         at_rest = self.forces.springs(np.concatenate([nothing[None], where.held]), self.forces.normal.press(nothing)[1])
-        sheared, worked = self.forces.springs(touch.pull, touch.k), np.zeros(3)  # of slips, dashpots and drives
+        start, worked = self.forces.springs(touch.pull, touch.k), np.zeros(3)  # of slips, dashpots and drives
         limit = (2.0 * math.pi / _LEAST_STEPS / step) ** 2
-        start = sheared
         # balls that may meet are listed anew when one has moved by half of the margin
         skin = _SKIN * 2.0 * float(np.mean(self.network.radii[self.network.moving]))
         travelled = math.inf
@@ -432,8 +442,8 @@ class _System:
             kept.keep(
                 {
                     "times": time, "displacements": u, "velocities": speeds, "rotations": self._to_balls(x, True),
-                    "spins": self._to_balls(v, True), "translation": 0.5 * float(np.sum(square[~self._turning])),
-                    "rotation": 0.5 * float(np.sum(square[self._turning])),
+                    "spins": self._to_balls(v, True), "translation": 0.5 * float(np.sum(square[~self.operator.is_rotation])),
+                    "rotation": 0.5 * float(np.sum(square[self.operator.is_rotation])),
                     "stored": stored + self.where.rest_energy(at, x), "lost": worked[0] - (springs - start) + worked[1],
                     "work": worked[2],
                 }, forces, shears, list(self._keys),
@@ -518,10 +528,10 @@ class _System:
                 worked[2] += float(0.5 * (lifts + new_lifts) @ (self._push @ moved_x))
             ways, lifts = new_ways, new_lifts
             if number % each == 0:
+                if not (self.fixed.top(touch.k) ** 2 <= limit and np.all(np.isfinite(v))):
+                    raise _Stop(_TOO_LONG)
                 keep(number)
                 yield True
-                if self.fixed.top(touch.k) ** 2 > limit or not np.all(np.isfinite(v)):
-                    raise _Stop(_TOO_LONG)
                 if self.waves.geometry == "lattice":
                     away = float(np.max(np.abs(self._to_balls(x, False)), initial=0.0))
                     if not away < _AWAY * 2.0 * float(np.mean(self.network.radii[self.network.moving])):
@@ -529,7 +539,11 @@ class _System:
 
     def _follow(self, time: float) -> tuple[Array, Array]:
         """Return the ways of moved bodies and the forces on pushed balls at a time."""
-        return tuple(np.array([float(one(time)) for one in each]) for each in (self._ways, self._lifts))  # type: ignore[return-value]
+        ways, lifts = (np.array([real_number(one(time)) for one in each]) for each in (self._ways, self._lifts))
+        if not (np.all(np.isfinite(ways)) and np.all(np.isfinite(lifts))):
+            what = f"a drive is not a finite number at {time:.4g} s"
+            raise _Stop(what) if time else InputError(what, mend="Give a function of the time that returns one")
+        return ways, lifts
 
     def _fastest(self, v: Array, ways: Array, time: float, step: float) -> float:
         """Return the largest speed of a ball or a moved body, m/s."""
@@ -544,7 +558,9 @@ class _System:
         at = self.where.at(x, ways)
         round_ones = np.flatnonzero(np.isfinite(network.radii))
         periods = network.cell[list(network.pbc)]
-        places = network.positions + at.u.T
+        moved = np.zeros_like(network.positions)
+        moved[:, self.where.axes] = at.u.T
+        places = network.positions + moved
         i, j, cells = find_neighbours(places[round_ones], network.radii[round_ones], periods, skin + max(self._bulge, 0.0))
         i, j, shift = round_ones[i], round_ones[j], np.zeros((len(i), 3), np.intp)
         shift[:, list(network.pbc)] = cells
@@ -552,7 +568,7 @@ class _System:
         for wall in np.unique(network.j[flat & np.isinf(network.radii[network.j])]):
             one = np.flatnonzero(flat & (network.j == wall))[0]
             plane = network.positions[network.i[one]] + network.arm_i[one] * network.normal[one]
-            gap = (plane + at.u[:, wall] - places[round_ones]) @ network.normal[one] - network.radii[round_ones]
+            gap = (plane + moved[wall] - places[round_ones]) @ network.normal[one] - network.radii[round_ones]
             near = round_ones[gap < skin]
             i, j = np.append(i, near), np.append(j, np.full(len(near), wall))
             shift = np.concatenate([shift, np.zeros((len(near), 3), np.intp)])
@@ -567,7 +583,7 @@ class _System:
         self._set(table[:, 0], table[:, 1], table[:, 2:])
         at = self.where.at(x, ways)
         change, k = self.forces.normal.press(at.e)
-        pull = np.zeros((8, len(at.e)))
+        pull = np.zeros((self.where.count, len(at.e)))
         old = np.flatnonzero(before >= 0)
         pull[:, :n], pull[:, n + old] = touch.pull[:, :n], touch.pull[:, before[old]]
         pull[0] = change

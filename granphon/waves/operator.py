@@ -30,7 +30,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.linalg import LinearOperator
 
 from granphon.array.contact_operator import ContactHessian, ContactOperator
-from granphon.array.sparse_matrices import compose
 from granphon.base.errors import InputError, message
 from granphon.dynamics.rows import Row, carry_rows, contact_rows, push_rows, weigh_rows
 from granphon.networks.network import ContactNetwork
@@ -108,13 +107,21 @@ class WaveOperator(LinearOperator[np.float64]):
 
         Balls j of contacts move with the ``phase`` (n_c,).
         """
-        network, count, parts = self.network, self.network.n_contacts, []
-        for kind, (row, weight) in enumerate(zip(rows, root, strict=True)):
-            for ball, coefficients, sign in ((network.j, row.head, phase), (network.i, row.tail, -1.0)):
-                line = np.flatnonzero(network.moving[ball])
-                scale = (sign * weight / np.sqrt(network.masses[ball]))[line, None]
-                parts.append(((kind * count + line)[:, None], self._places[ball[line]], scale * coefficients[line]))
-        return compose(parts, (len(rows) * count, self.size))
+        from scipy.sparse import csr_array  # imported here: most simulations do not need it
+
+        network, m = self.network, self.motions.count
+        scale = np.where(network.moving, 1.0 / np.sqrt(network.masses), 0.0)
+        columns = np.hstack([self._places[network.i], self._places[network.j]]).astype(np.int32)
+        columns[columns < 0] = 0  # of balls that are held: their entries are zero
+        entries = np.empty((len(rows), *columns.shape), np.result_type(phase, *root))
+        for out, row, weight in zip(entries, rows, root, strict=True):
+            np.multiply((-weight * scale[network.i])[:, None], row.tail, out=out[:, :m])
+            np.multiply((phase * weight * scale[network.j])[:, None], row.head, out=out[:, m:])
+        starts = np.arange(len(rows) * network.n_contacts + 1, dtype=np.int32) * np.int32(2 * m)
+        matrix = csr_array((entries.ravel(), np.tile(columns, (len(rows), 1)).ravel(), starts), (starts.size - 1, self.size))
+        matrix.sum_duplicates()
+        matrix.eliminate_zeros()
+        return matrix
 
     @cached_property
     def _gyration(self) -> Array:

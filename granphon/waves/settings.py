@@ -41,6 +41,8 @@ MOMENTS = 256
 READINGS = 24
 #: what stands at the two ends of a network
 ENDS = ("free", "walls", "periodic")
+#: directions of contacts in a motion, and schemes of its steps
+GEOMETRIES, SCHEMES = ("lattice", "exact"), ("verlet", "midpoint")
 _PUSHES = ("longitudinal", "transverse", "out_of_plane")
 _SOURCES = ("plane", "ball")
 #: what a response may be of, and what it is called then
@@ -216,6 +218,8 @@ class MotionSettings(NetworkSettings):
     damping : viscosity of contacts over their stiffness, s; or that of normal and of other motion.
     frames : number of times that are kept.
     step : s; None for one that the stiffest contact allows.
+    geometry : "lattice" or "exact", the directions of contacts.
+    scheme : "verlet" or "midpoint", of the steps.
     """
 
     block, of_network = "motion", ("repeat", "cut", "drive")
@@ -226,6 +230,8 @@ class MotionSettings(NetworkSettings):
     damping: float | tuple[float, float] = 0.0
     frames: int = 201
     step: float | None = None
+    geometry: Any = "lattice"
+    scheme: Any = "verlet"
 
     @property
     def coordinates(self) -> dict[str, tuple[tuple[Any, ...], str]]:
@@ -297,6 +303,7 @@ def wave_rules(block: str, read: bool = True) -> dict[str, Rule]:
             "duration": quantity("duration"), "drive": partial(read_drives, read=read),
             "friction_coefficient": zero_or_above, "damping": losses["damping"],
             "frames": partial(whole, low=2, high=1_000_000), "step": quantity("step"),
+            "geometry": partial(choice, options=GEOMETRIES), "scheme": partial(choice, options=SCHEMES),
         }  # fmt: skip
     return {
         "frequency": quantity("frequency"), "distance": quantity("distance"), "cycles": partial(number, low=1.0, high=1e4),

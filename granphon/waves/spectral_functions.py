@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.errors import InputError, PrecisionError, brief
 from granphon.base.validation import choice, finite_array, finite_list, positive, require
+from granphon.dynamics.zone_quadrature import shortest_vectors
 from granphon.networks.network import ContactNetwork
 from granphon.observables.validity import check_network
 from granphon.waves.chebyshev import Kernel, Moments, Refinable, keeps_vectors
@@ -135,14 +136,10 @@ def _round(network: ContactNetwork | PeriodicCell, q: Array) -> Array:
 
 def _find_nearest(periods: Array, q: Array) -> Array:
     """Return the wave vectors (n, d) that are nearest to ``q`` among those that repeat with ``periods`` (p, d)."""
-    from ase.geometry.minkowski_reduction import minkowski_reduce
-
     back = np.asarray(np.linalg.pinv(periods).T, float)  # (p, d) rows b with b_i . L_j = delta_ij
-    # whole numbers (p, p) that make a basis one of Minkowski's, of the shortest vectors: only around these are the lattice
-    # points nearest to a point among the corners of its cell and of the cells next to it
-    (p, d), full = back.shape, np.zeros((3, 3))
-    full[:p, :d] = back / np.linalg.norm(back, axis=1).max()  # ASE's tolerance is a length
-    shorter = np.asarray(minkowski_reduce(full, pbc=np.arange(3) < p)[1][:p, :p], np.intp)
+    # whole numbers (p, p) that make a basis that of the shortest vectors: only in this one are the lattice points nearest to
+    # a point among the corners of its cell and of the cells next to it
+    shorter = np.rint(shortest_vectors(back) @ periods.T)
     waves = q @ periods.T @ np.linalg.inv(shorter) / (2.0 * np.pi)
     around = np.floor(waves)[:, None] + np.array(list(itertools.product((-1.0, 0.0, 1.0, 2.0), repeat=len(periods))))
     least = np.argmin(np.sum(((around - waves[:, None]) @ (shorter @ back)) ** 2, axis=-1), axis=1)
@@ -440,7 +437,7 @@ class SpectralFunction(Refinable):
         from scipy.interpolate import CubicSpline
 
         if not found:
-            raise InputError("there are no spectral functions to average")
+            raise InputError("there are no spectral functions to average", mend="Give one or more")
         first = max(found, key=lambda one: one.top)
         for one in found:
             same = one.q.shape == first.q.shape and np.allclose(

@@ -1,4 +1,4 @@
-"""Decimal prefixes: of hertz, which are part of the files, and of numbers as people read them."""
+"""Units: those that are read, decimal prefixes of hertz in files, and of numbers as people read them."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import math
 from decimal import Decimal
 
 import numpy as np
+import pint
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 import granphon as gp
 from granphon.base.errors import InputError
+from granphon.base.quantities import ADHESION, DENSITY, FREQUENCY, LENGTH, MASS, MODULUS, PUSH, TIME, VELOCITY
 from granphon.base.scales import HertzPrefix, WidthUnits, prefixed, write_uncertain
 
 
@@ -93,3 +95,25 @@ def test_a_width_whose_units_are_above_the_floating_range():
     for name, power in (("energy", 5), ("force", 3)):
         with pytest.raises(InputError, match=rf"1e\+200 m is beyond double precision. c W\^\({power}/2\) .* smaller width"):
             getattr(units, name)
+
+
+@pytest.mark.parametrize(
+    ("kind", "units"),
+    [
+        (LENGTH, "m cm mm um µm μm nm pm km inch inches foot feet ft yard yd mile angstrom Å metre meters micrometre"),
+        (MODULUS, "Pa kPa MPa GPa bar mbar atm psi N/mm^2 kN/m**2 kgf/cm² dyn/cm^2 J/m³ J·m^-3 kg/m/s^2 lbf/inch^2"),
+        (DENSITY, "kg/m^3 g/cm^3 g/cm3 g·cm**-3 t/m^3 lb/ft^3 mg/mm³ tonne/metre^3"),
+        (FREQUENCY, "Hz kHz MHz 1/s 1/ms s^-1 1/hour hertz kilohertz"),
+        (TIME, "s ms us minute minutes h hour hours nanoseconds"),
+        (VELOCITY, "m/s mm/s km/h km/hour mile_per_hour mph knot knots fps foot_per_second inch/s"),
+        (PUSH, "N mN kN kgf kilogram_force lbf pound_force dyn kg*m/s^2 J/m Pa*m^2 newtons"),
+        (MASS, "kg g mg lb pounds t tonnes N*s^2/m"),
+        (ADHESION, "J/m^2 mJ/m^2 N/m dyn/cm kg/s^2"),
+    ],
+)  # fmt: skip
+def test_units_are_those_of_pint(kind, units):
+    registry = pint.UnitRegistry(non_int_type=Decimal)
+    for unit in units.split():
+        written = unit.replace("·", "*").replace("²", "^2").replace("³", "^3").replace("cm3", "cm^3")
+        factor = registry.Quantity(Decimal(1), written).to(kind.unit).magnitude
+        assert kind.read(f"3 {unit}") == pytest.approx(float(3 * factor), rel=2e-16), unit

@@ -30,7 +30,6 @@ WATCHED = {
     ("granphon.dynamics.local_field", "_compute_local_field"): "local field",
     ("granphon.phonons.calculator", "contact_blocks"): "force constants",
     ("granphon.phonons.phonopy_bridge", "ContactPhonopy.give_force_constants"): "phonopy",
-    ("phonopy.phonon.mesh", "Mesh.__init__"): "mesh",
     ("granphon.dynamics.contact_lattice", "ContactLattice.modes"): "modes",
     ("granphon.array.equilibrium", "equilibrate"): "equilibria",
     ("granphon.array.equilibrium", "Equilibrium.find_elasticity"): "linear responses",

@@ -297,3 +297,20 @@ def test_costs_add_up_to_one_after_the_other():
     assert (one + two).memory == cost._PYTHON_BYTES + 8.0
     assert one.times(3) == cost.Cost(3.0, 3.0, 15.0, 21.0, 10, 6, ("a",))
     assert sum([one, two], cost.Cost()) == one + two
+
+
+def test_bands_of_a_large_cell_go_as_the_cube_of_its_branches_and_take_few_matrices_at_a_time():
+    """The memory is that which arrays of a cell of 363 branches take, with LAPACK's copy of it, which is not counted."""
+    few, many = (cost.bands(60, branches, eigenvectors=False) for branches in (1000, 3000))
+    assert 15.0 < many.known / few.known < 30.0
+    assert many.memory < 1e9 < cost.bands(60, 3000).memory
+    packing = gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3, spread=gp.Uniform(2e-6))
+    ph = gp.Phonons(gp.DirectSimulation(packing, shape=(11, 11), seed=0).at_force(18.0).sample)
+    ph.frequencies([[0.1, 0.2]])
+    tracemalloc.start()
+    ph.frequencies([[0.3, 0.1]])
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    found = ph.estimate(1, eigenvectors=False)
+    assert "363 branches" in found.text
+    assert 1.0 < (found.working + found.kept) / peak < 3.0

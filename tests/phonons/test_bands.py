@@ -381,3 +381,31 @@ def test_bands_with_fewer_periods_than_their_lattice_are_refused(lattice, path, 
     bands = phonons_of(lattice).bands(path, 2)
     with pytest.raises(InputError, match=f"leaves the (line|plane) of {periods} period"):
         dataclasses.replace(bands, group_velocities=bands.group_velocities[..., :periods])._check()
+
+
+@pytest.mark.parametrize("name", ["triangular", "fcc"])
+def test_bands_without_eigenvectors_are_the_same_and_say_what_they_lack(name, tmp_path):
+    ph = phonons_of(name)
+    whole, bands = ph.bands(npoints=4), ph.bands(npoints=4, eigenvectors=False)
+    np.testing.assert_allclose(bands.frequencies, whole.frequencies, rtol=1e-12, atol=1e-14 * whole.frequencies.max())
+    assert (bands.eigenvectors, bands.group_velocities) == (None, None)
+    assert (bands.labels, bands.periods, bands.warnings) == (whole.labels, whole.periods, whole.warnings)
+    for what in ("rotational_fraction", "connected_frequencies", "longitudinal_fraction", "motion"):
+        with pytest.raises(InputError, match=r"no eigenvectors.*eigenvectors=True"):
+            getattr(bands, what)
+    bands.write(tmp_path / "band.yaml")
+    assert "eigenvector" not in (tmp_path / "band.yaml").read_text()
+    assert gp.Bands.read(tmp_path / "band.yaml") == bands
+    assert len(gp.plot(bands).axes[0].collections) == len(gp.plot(whole).axes[0].collections)
+
+
+def test_an_estimate_grows_with_the_work():
+    ph = phonons_of("fcc")
+    one, many, alone = ph.estimate(10), ph.estimate(1000), ph.estimate(1000, eigenvectors=False)
+    assert one.seconds < many.seconds
+    assert one.memory < many.memory
+    assert alone.seconds < many.seconds
+    assert alone.memory < many.memory
+    assert many.text.startswith("bands at 1,000 wave vectors: about ")
+    with pytest.raises(InputError, match="points"):
+        ph.estimate(0)

@@ -8,7 +8,11 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.base.errors import ConvergenceError, InputError, SceneError
+from granphon.runs.motion_records import write_contacts
 from granphon.scene.redraw import redraw
+from granphon.waves.drives import DriveSettings
+from granphon.waves.settings import MotionSettings
+from tests.waves.test_nonlinear_exact import meeting
 
 CHAIN = """
 material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
@@ -121,6 +125,32 @@ def test_a_single_state_has_its_balls_tables_and_a_figure(tmp_path):
     again = gp.Scene.from_text(one.to_yaml())
     assert again == one
     assert gp.Scene.from_yaml(tmp_path / "scene.yaml") == one
+
+
+def test_balls_that_may_go_anywhere_by_steps_that_keep_the_energy(tmp_path):
+    """Block ``motion`` reaches the true directions and the implicit scheme; both are those of the call."""
+    text = PLANE.replace("frames: 21", "frames: 5\n  geometry: exact\n  scheme: midpoint")
+    one = scene(text, DRIVE="{balls: 2, impact: 2 m/s, direction: 0 1}")
+    result = one.run(tmp_path, figures=False)
+    network = one.state().network.repeat((5, 1)).cut(1, 4, ("floor", "free"))
+    velocities = np.zeros((network.n_balls, 3))
+    velocities[2, 1] = 2.0
+    waves = gp.NonlinearWaves(network, friction_coefficient=0.3, damping=1e-6, geometry="exact")
+    assert result.waves.motion == waves.run(4e-5, velocities=velocities, frames=5, scheme="midpoint")
+    numbers = result.summary()
+    kept = sum(numbers[f"energy_{name}"] for name in ("translation", "rotation", "stored", "lost"))
+    assert_allclose(kept, numbers["energy_supplied"], rtol=1e-9)
+    assert gp.Scene.from_text(one.to_yaml()) == one
+
+
+def test_balls_that_have_met_are_in_the_table_of_contacts(tmp_path):
+    waves, start = meeting()
+    motion = waves.run(0.03 * 8e-3 / 2.0, **start, frames=101)
+    drive = DriveSettings(balls=(2,), impact=2.0)
+    write_contacts(motion, tmp_path / "contacts.csv", MotionSettings(duration=1.2e-4, drive=(drive,)))
+    table = np.genfromtxt(tmp_path / "contacts.csv", delimiter=",", names=True)
+    assert_allclose(np.stack([table["ball_i"], table["ball_j"]]), [[0, 1, 0], [1, 2, 2]])
+    assert_allclose(table["greatest_force_N"], motion.peaks()[1])
 
 
 def test_a_sweep_has_the_numbers_of_single_runs(tmp_path):
@@ -245,6 +275,8 @@ def test_drives_that_are_refused(drive, said, tmp_path):
         (("friction_coefficient: 0.3", "friction_coefficient: -1"), "zero or above"),
         (("axis: 1, layers: 4", "axis: 7, layers: 4"), "axis"),
         (("repeat: 5 1\n", "repeat: 0 1\n"), "from 1"),
+        (("frames: 21", "geometry: true"), "lattice, exact"),
+        (("frames: 21", "scheme: euler"), "verlet, midpoint"),
     ],
 )
 def test_what_is_refused(change, said, tmp_path):

@@ -14,7 +14,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import granphon as gp
-from granphon.base.errors import InputError, StoppedEarlyWarning
+from granphon.base.errors import InputError, OutputError, StoppedEarlyWarning
 from tests.networks.test_cuts import D, bulk
 
 ROOT = Path(__file__).parents[2]
@@ -284,11 +284,36 @@ def test_a_ball_that_flies_off_and_a_step_too_long():
         waves.run(1e-3, velocities=push(waves.network, 1.0), step=1e-5, frames=11)
 
 
+@pytest.mark.parametrize("speed", [0.0, 1.0])
+def test_the_step_of_a_run_is_known_before(speed):
+    waves = gp.NonlinearWaves(line(10.0, 4))
+    motion = waves.run(1e-4, velocities=push(waves.network, speed), frames=2)
+    assert_allclose(motion.step, 1e-4 / math.ceil(1e-4 / waves.find_step(speed)), rtol=1e-12)
+    assert waves.find_step(1.0) < waves.find_step()
+
+
 def interrupt(time):
     """A force that the user stops."""
     if time > 5e-5:
         raise KeyboardInterrupt
     return 1.0
+
+
+def test_a_drive_that_is_no_number_ends_the_run():
+    waves = gp.NonlinearWaves(line(10.0, 4))
+    for kind in ("force", "displacement"):
+        drive = gp.Drive(0, (1, 0, 0), **{kind: lambda time: math.nan if time > 5e-5 else 0.0})
+        with pytest.warns(StoppedEarlyWarning, match="not a finite number at"):
+            motion = waves.run(1e-4, drive=drive, frames=101)
+        assert 45 < len(motion.times) < 55
+        assert np.all(np.isfinite(motion.velocities))
+    for nothing in (math.nan, None):
+        with pytest.raises(InputError, match="not a finite number at 0 s"):
+            waves.run(1e-4, drive=gp.Drive(0, (1, 0, 0), force=lambda _, it=nothing: it))
+    still = gp.Drive((0, 1), (1, 0, 0), displacement=lambda _: 0.0)
+    for other in (still, gp.Drive(1, (1, 0, 0), force=lambda _: 0.0)):
+        with pytest.raises(InputError, match="two drives"):
+            waves.run(1e-4, drive=[still, other])
 
 
 def test_ctrl_c_keeps_what_there_is(tmp_path):
@@ -297,6 +322,19 @@ def test_ctrl_c_keeps_what_there_is(tmp_path):
         motion = waves.run(1e-4, drive=drive, frames=101, file=tmp_path / "motion.nc")
     assert 45 < len(motion.times) < 55
     assert gp.Motion.read(tmp_path / "motion.nc") == motion
+
+
+def test_only_a_motion_is_replaced(tmp_path):
+    waves, path, other = gp.NonlinearWaves(line(10.0, 4)), tmp_path / "motion.nc", tmp_path / "data.csv"
+    for duration in (1e-5, 2e-5):
+        waves.run(duration, frames=3, file=path)
+        assert gp.Motion.read(path).times[-1] == pytest.approx(duration)
+    other.write_text("1, 2")
+    with pytest.raises(OutputError, match="no motion"):
+        waves.run(1e-5, file=other)
+    assert other.read_text() == "1, 2"
+    with pytest.raises(OutputError, match="no motion"):
+        waves.run(1e-5, file=tmp_path)
 
 
 def test_a_file_of_a_motion_whose_program_was_killed_can_be_read(tmp_path):
@@ -333,7 +371,7 @@ gp.NonlinearWaves(line(10.0, 4)).run(1e-4, drive=gp.Drive(0, (1, 0, 0), force=fo
         ({"drive": gp.Drive(9, (1, 0, 0), force=lambda time: 1.0)}, "Balls have the indices"),
         ({"drive": gp.Drive(0, (1, 0, 0), displacement=lambda time: 1e-6)}, "begin at zero"),
         ({"drive": gp.Drive(0, (0, 0, 0), force=lambda time: 1.0)}, "direction"), ({"step": -1.0}, "step"),
-        ({"positions": np.zeros((3, 3))}, "positions has the shape"), ({"scheme": "euler"}, "scheme is"),
+        ({"positions": np.zeros((3, 3))}, "positions has the shape"), ({"scheme": "euler"}, "verlet, midpoint"),
         ({"positions": np.zeros((4, 3)), "displacements": np.zeros((4, 3))}, "positions and displacements"),
     ],
 )  # fmt: skip
@@ -351,7 +389,7 @@ def test_what_has_no_overlap_is_refused():
         gp.NonlinearWaves(replace(network, prestress=True))
     with pytest.raises(InputError, match="law is"):
         gp.NonlinearWaves(network, law=gp.JKR(0.1))
-    with pytest.raises(InputError, match="geometry is"):
+    with pytest.raises(InputError, match="lattice, exact"):
         gp.NonlinearWaves(network, geometry="true")
     with pytest.raises(InputError, match="gravity is"):
         gp.NonlinearWaves(network, gravity=(0, 1))

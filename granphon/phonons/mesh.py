@@ -1,0 +1,148 @@
+"""Meshes of wave vectors over the Brillouin zone, and the modes that they count below a frequency.
+
+The mesh is cut into simplices (segments, triangles, tetrahedra), in which frequencies, and the parts of modes that are
+counted, are linear. Of the part that corner i has, the simplex then counts F(omega)/(p + 1) below omega. F is the
+distribution function of the B-spline whose knots t are the frequencies of the p + 1 corners, with that of corner i twice
+(H. B. Curry and I. J. Schoenberg, J. d'Analyse Math. 17, 71, 1966). Like the spline it has a recursion without differences
+of near-equal numbers, which starts from steps F_kk, one from omega = t_k on:
+
+    F_kl = ((omega - t_k) F_k,l-1 + (t_l - omega) F_k+1,l) / (t_l - t_k)
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from functools import partial, reduce
+from typing import NamedTuple
+
+import numpy as np
+from ase import Atoms
+from numpy.typing import NDArray
+
+from granphon.base.errors import needing
+
+Array = NDArray[np.float64]
+
+#: number of corners of simplices, times frequencies, that are held in memory at a time
+_HELD = 2**20
+#: width of a step, far below any frequency that is not zero
+_TINY = 1e-200
+#: distance, in diameters, up to which balls are at one place
+_PLACE = 1e-5
+#: relative difference of numbers that are equal but for rounding
+_EQUAL = 1e-10
+#: a wave vector without symmetry, fractions of the reciprocal cell
+_PROBE = np.array([0.1234, 0.2871, 0.3917])
+
+
+class ZoneMesh(NamedTuple):
+    """A mesh that contains Gamma, of which symmetry leaves some points."""
+
+    #: numbers of points along the reciprocal vectors, (p,)
+    numbers: tuple[int, ...]
+    #: the point among those left to which each point of the mesh is equivalent; the first axis runs fastest
+    left: NDArray[np.intp]
+    #: points left, (n, p) fractions of the reciprocal cell
+    qpoints: Array
+    #: number of points of the mesh to which each of them is equivalent, (n,)
+    weights: NDArray[np.intp]
+
+    @classmethod
+    def of(cls, numbers: tuple[int, ...], group: NDArray[np.intp] | None = None) -> ZoneMesh:
+        """Return the mesh, reduced by a ``group`` (n, p, p) of :func:`find_point_group` and by time reversal.
+
+        It is whole without a group, and where a rotation mixes axes of different numbers.
+        """
+        count, given = np.array(numbers), np.eye(len(numbers), dtype=int)[None]
+        if group is not None and not np.any(group[:, count[:, None] != count]):
+            given = np.unique(np.concatenate([group, -group]), axis=0)
+        addresses = np.stack(np.unravel_index(np.arange(count.prod()), numbers, order="F"))  # (p, n)
+        images = (np.ravel_multi_index(tuple(one.T @ addresses % count[:, None]), numbers, order="F") for one in given)
+        points, left, weights = np.unique(reduce(np.minimum, images), return_inverse=True, return_counts=True)
+        centred = addresses[:, points] - count[:, None] * (2 * addresses[:, points] > count[:, None])
+        return cls(numbers, left, (centred / count[:, None]).T, weights)
+
+    def count_modes(self, reciprocal: Array, frequencies: Array, parts: Array, limits: Array) -> Array:
+        """Return the number of modes per cell below each limit, (n_parts, n_limits), by the linear tetrahedron method.
+
+        Parameters
+        ----------
+        reciprocal : (p, p) reciprocal vectors, one a row; each cell of the mesh is cut along its shortest diagonal.
+        frequencies : (n_q, n_branches).
+        parts : (n_parts, n_q, n_branches), what of each mode is counted.
+        limits : (n_limits,), ascending.
+        """
+        p, numbers = len(self.numbers), np.array(self.numbers)
+        senses = np.array([np.ones(p), *(np.ones((p, p)) - 2.0 * np.eye(p))])
+        lengths = np.linalg.norm(senses @ (reciprocal / numbers[:, None]), axis=1)
+        sense = senses[np.argmax(lengths <= (1.0 + _EQUAL) * lengths.min())].astype(int)
+        # the simplices of a cell of the mesh go from corner to corner along its edges, in any order of these; about a point
+        # there are p + 1 times as many, in each of which it is one corner: (n, p + 1, p) steps from it
+        ways = (
+            np.array(
+                [
+                    np.cumsum([np.zeros(p, int), *np.eye(p, dtype=int)[list(way)]], axis=0)
+                    for way in itertools.permutations(range(p))
+                ]
+            )
+            * sense
+        )
+        steps = np.concatenate([ways - ways[:, [corner]] for corner in range(p + 1)])
+        own = np.repeat(np.arange(p + 1), len(ways))
+        stride = np.concatenate([[1], np.cumprod(numbers[:-1])])
+        address = np.rint(self.qpoints * numbers).astype(int)
+        share = parts * self.weights[:, None] / (numbers.prod() * len(steps))
+        counted = np.zeros((len(parts), len(limits) + 1))
+        for some in np.array_split(np.arange(len(address)), -(-len(address) * len(steps) * len(limits) // _HELD)):
+            corners = self.left[(address[some, None, None] + steps) % numbers @ stride]
+            corners = np.concatenate([corners, corners[:, np.arange(len(steps)), own, None]], axis=2)  # (n, n_steps, p + 2)
+            for branch in range(frequencies.shape[1]):
+                knots = np.sort(frequencies[corners, branch].reshape(-1, p + 2), axis=1)
+                each = np.repeat(share[:, some, branch], len(steps), axis=1)  # (n_parts, n)
+                # a simplex is below all limits from its last on; between its first and its last, limit by limit
+                first, last = (np.searchsorted(limits, knots[:, end]) for end in (0, -1))
+                within = np.repeat(np.arange(len(knots)), last - first)
+                limit = np.arange(len(within)) - np.repeat(np.cumsum(last - first) - last, last - first)
+                below = _distribution(limits[limit], knots[within].T)
+                for count, one in zip(counted, each, strict=True):
+                    count += np.cumsum(np.bincount(last, one, len(count)))
+                    count += np.bincount(limit, one[within] * below, len(count))
+        return counted[:, :-1]
+
+
+def find_point_group(atoms: Atoms, periods: int, frequencies: Callable[[Array], Array]) -> NDArray[np.intp] | None:
+    """Return the rotations that keep ``frequencies``, (n, p, p), which act on fractions q as q @ rotation; None if unknown.
+
+    They are of the layer or space group of the ``atoms``. Spglib knows the places of the balls, not the stiffness of
+    contacts: ``frequencies`` (n, n_branches) of wave vectors (n, p), fractions, are compared at images of one of them.
+    """
+    with needing("A mesh that is reduced by symmetry"):
+        import spglib
+    spglib.error.OLD_ERROR_HANDLING = False  # as phonopy and ASE do: it raises, and does not warn
+
+    if periods == 1:
+        return np.ones((1, 1, 1), int)
+    scalars = [atoms.get_masses(), atoms.arrays.get("diameter_deviations", np.zeros(len(atoms)))]
+    _, kinds = np.unique(np.stack(scalars), axis=1, return_inverse=True)
+    cell = (np.asarray(atoms.cell), atoms.get_scaled_positions(wrap=True), kinds.ravel() + 1)
+    find = partial(spglib.get_symmetry_layerdataset, aperiodic_dir=2) if periods == 2 else spglib.get_symmetry_dataset
+    try:
+        dataset = find(cell, symprec=_PLACE)
+    except spglib.SpglibError:
+        return None
+    if dataset is None:
+        return None
+    rotations = np.unique(dataset.rotations[:, :periods, :periods], axis=0)
+    values = frequencies(_PROBE[:periods] @ rotations)
+    return rotations if np.ptp(values, axis=0).max() <= _EQUAL * values.max() else None
+
+
+def _distribution(at: Array, knots: Array) -> Array:
+    """Return the distribution function at ``at`` (n,) of the B-splines with the ascending ``knots`` (n_knots, n)."""
+    found: list[Array] = [(at >= knot).astype(float) for knot in knots]
+    for degree in range(1, len(knots)):
+        for k in range(len(knots) - degree):
+            width = np.maximum(knots[k + degree] - knots[k], _TINY)  # equal knots make a step
+            found[k] = found[k + 1] + np.clip((at - knots[k]) / width, 0.0, 1.0) * (found[k] - found[k + 1])
+    return found[0]

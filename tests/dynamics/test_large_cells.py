@@ -1,0 +1,116 @@
+"""Cells of hundreds of branches, whose matrices are sparse: against sums over contacts, and against the small cell."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import granphon as gp
+from granphon.base.errors import InputError
+from granphon.dynamics.contact_lattice import ContactLattice
+
+STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
+POINTS = [[0.0, 0.0], [0.31, 0.17], [0.5, 0.0], [0.02, 0.01]]
+
+
+@pytest.fixture(scope="module")
+def sample():
+    """Eleven by eleven balls that differ: 363 branches."""
+    packing = gp.Packing(STEEL, 8e-3, spread=gp.Uniform(2e-6))
+    return gp.DirectSimulation(packing, shape=(11, 11), seed=0).at_force(18.446).sample
+
+
+def sum_over_contacts(network, q):
+    """D(q) of balls in a plane, (rad/s)^2, by the energy of each contact; q (2,) in fractions."""
+    n, mass = network.n_balls, network.masses
+    matrix = np.zeros((3 * n, 3 * n), complex)
+    scale = np.sqrt(np.stack([mass, mass, network.inertias], axis=1)).ravel()
+    for c in range(network.n_contacts):
+        i, j, (x, y) = network.i[c], network.j[c], network.normal[c, :2]
+        phase = np.exp(2j * np.pi * (network.shift[c, :2] @ q))
+        for row, k in (
+            ([x, y, 0.0, x, y, 0.0], network.normal_stiffness[c]),
+            # the surfaces slip along (-y, x)
+            ([-y, x, network.arm_i[c], -y, x, -network.arm_j[c]], network.shear_stiffness[c]),
+        ):
+            line = np.array(row, complex) * np.repeat([-1.0, phase], 3)
+            places = np.concatenate([3 * i + np.arange(3), 3 * j + np.arange(3)])
+            matrix[np.ix_(places, places)] += k * np.outer(line.conj(), line)
+    return matrix / np.outer(scale, scale)
+
+
+@pytest.mark.claim("large-cells")
+def test_frequencies_of_a_sample_are_those_of_the_sums_over_its_contacts(sample):
+    network = sample.network
+    found = gp.Phonons(network).frequencies(POINTS)
+    for q, own in zip(POINTS, found, strict=True):
+        squares = np.linalg.eigvalsh(sum_over_contacts(network, np.array(q)))
+        assert_allclose(own**2 * 4.0 * np.pi**2, squares, rtol=1e-11, atol=1e-13 * squares[-1])
+    assert np.count_nonzero(found == 0.0) == np.count_nonzero(found[0] == 0.0) == 2
+
+
+def test_sound_of_a_sample_keeps_its_digits_down_to_gamma(sample):
+    ph = gp.Phonons(sample.network)
+    v = gp.sound_velocities(sample.network, [1.0, 0.0]).velocities
+    lattice = ph.lattice
+    for size in (1e-3, 1e-4, 1e-8):
+        q = size * np.array([[1.0, 0.0]])
+        slopes = lattice.frequencies(q)[0, :2] / size * ph.scales.velocity
+        assert_allclose(slopes, v, rtol=1e-11 + 10.0 * size**2)
+
+
+def test_modes_of_a_sample_are_modes_and_velocities_are_slopes(sample):
+    ph = gp.Phonons(sample.network)
+    lattice = ph.lattice
+    q = lattice.wavevectors([[0.31, 0.17]])
+    modes, matrix = lattice.modes(q), lattice.dynamical_matrix(q)[0]
+    vectors = modes.eigenvectors[0]
+    assert_allclose(vectors.conj().T @ vectors, np.eye(len(vectors)), atol=1e-12)
+    assert_allclose(matrix @ vectors, vectors * modes.frequencies[0] ** 2, atol=1e-12 * modes.frequencies.max() ** 2)
+    step = 1e-7 * np.eye(2)
+    slopes = (lattice.frequencies(q + step) - lattice.frequencies(q - step)).T / 2e-7
+    assert_allclose(modes.group_velocities[0], slopes, atol=1e-6)
+
+
+@pytest.mark.parametrize("lattice", ["triangular", "chain"])
+def test_a_large_cell_of_equal_balls_has_the_branches_of_the_small_one(lattice):
+    """It has an inversion, by which D is real, and branches that touch."""
+    state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice=lattice, motions="all", torsion=0.1)).at_force(10.0)
+    periods = state.packing.structure.periods
+    dim = {1: (61,), 2: (9, 7)}[periods]
+    large, small = gp.Phonons(state, gp.atoms(state).repeat((*dim, *(1,) * (3 - periods)))), gp.Phonons(state)
+    assert large.lattice.n_branches > 300
+    for q in ([0.3, 0.2][:periods], [0.0, 0.0][:periods]):
+        cells = np.stack(np.meshgrid(*map(np.arange, dim), indexing="ij"), axis=-1).reshape(-1, periods)
+        each = small.frequencies((cells + q) / dim)
+        found = large.frequencies([q])[0]
+        assert_allclose(found, np.sort(each.ravel()), rtol=1e-10, atol=1e-12 * each.max())
+        assert np.count_nonzero(found == 0.0) == np.count_nonzero(each == 0.0)
+    speeds = large.modes([[0.3, 0.2][:periods]]).group_velocities[0]
+    folded = small.modes((cells + [0.3, 0.2][:periods]) / dim).group_velocities.reshape(-1, periods)
+    assert_allclose(np.sort(speeds[:, 0]), np.sort(folded[:, 0]), atol=1e-7 * np.abs(folded).max())
+    assert large.lattice.free_branches == small.lattice.free_branches * len(cells)
+
+
+def test_loose_balls_and_static_forces(sample):
+    """Rattlers cost nothing at any wave vector; with prestress D is found, and is stable at Gamma."""
+    packing = gp.Packing(STEEL, 8e-3, spread=gp.Uniform(2e-6))
+    sparse = gp.DirectSimulation(packing, shape=(11, 11), seed=0).at_force(0.05).sample.network
+    lattice = ContactLattice.from_network(sparse)
+    for q in POINTS:
+        squares = np.linalg.eigvalsh(lattice.dynamical_matrix(lattice.wavevectors([q]))[0])
+        found = lattice.frequencies(lattice.wavevectors([q]))[0]
+        assert_allclose(found**2, squares, atol=1e-12 * squares[-1])
+        assert np.count_nonzero(found == 0.0) == np.count_nonzero(squares < 1e-12 * squares[-1]) > 2
+    exact = gp.DirectSimulation(packing, shape=(11, 11), seed=0, geometry="exact").at_force(18.446).sample.network
+    lattice = ContactLattice.from_network(exact)
+    assert lattice.is_prestressed
+    for q in POINTS:
+        squares = np.linalg.eigvalsh(lattice.dynamical_matrix(lattice.wavevectors([q]))[0])
+        assert_allclose(lattice.frequencies(lattice.wavevectors([q]))[0] ** 2, squares, atol=1e-12 * squares[-1])
+
+
+def test_a_cell_beyond_the_memory_is_refused_before_anything_is_made(sample):
+    with pytest.raises(InputError, match=r"One wave vector takes .* GiB of memory.*gp.Waves"):
+        gp.Phonons(sample.network.repeat((7, 7))).frequencies(POINTS)
