@@ -51,8 +51,7 @@ def fit_measurements(
     direction: Annotated[
         str | None,
         typer.Option(
-            metavar="'X Y'",
-            help="Direction of sound, a number for each period; by default the scene's, else the last axis.",
+            metavar="'X Y'", help="Direction of sound, a number for each period; by default the scene's, else the last axis."
         ),
     ] = None,
     force: Force = False,

@@ -109,7 +109,7 @@ class Compatibility:
         self.masses: Array = read_only(np.broadcast_to(real_array("masses", masses), self.n_balls))
         self.gyration: Array = read_only(np.broadcast_to(real_array("gyration", gyration), self.n_balls))
         if not (np.all(self.masses > 0.0) and np.all(self.stiffness > 0.0)):
-            raise InputError("a mass or a contact stiffness is not above zero")
+            raise InputError("a mass or a contact stiffness is not above zero", mend="Leave such balls and contacts out")
 
     def _read_ratio(self, name: str, given: Any) -> float | Array:
         """Return a ratio of stiffnesses, zero or above: a float, or an array (n_c,)."""

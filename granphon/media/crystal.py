@@ -158,7 +158,7 @@ class Crystal(Result):
             what = f"the cell has the shape {vectors.shape}, and positions have {d} coordinates"
             raise InputError(what, mend=f"Give up to {d} vectors of {d} numbers, as rows, in m")
         if not (np.all(np.isfinite(places)) and np.all(np.isfinite(vectors))):
-            raise InputError("the cell or a position of the crystal is not finite")
+            raise InputError("the cell or a position of the crystal is not finite", mend="Give finite numbers, in m")
         given = list_balls(balls)
         if len(given) != n:
             raise InputError(f"there are {len(given)} balls and {n} positions", mend="Give one ball for each site")
@@ -290,7 +290,7 @@ class Crystal(Result):
         Balls come in the order of cells, ball by ball of each cell, with the last period fastest.
         """
         if not self.periods:
-            raise InputError(f"crystal {self.name!r} has no period along which it could be repeated")
+            raise InputError(f"crystal {self.name!r} has no period along which it could be repeated", mend="Give its cell")
         full = require("shape", lambda value: lengths(value, 1, _MOST_CELLS, self.periods), shape)
         _require_room(math.prod(full) * self.n_balls)
         table, n = self.contacts, self.n_balls
@@ -385,7 +385,7 @@ class Crystal(Result):
         kept = np.ones(self.n_balls, bool)
         kept[self._read_balls(index)] = False
         if not np.any(kept):
-            raise InputError("no ball is left")
+            raise InputError("no ball is left", mend="Remove fewer")
         place, table, origin = np.cumsum(kept) - 1, self.contacts, np.flatnonzero(kept)
         rows = np.flatnonzero(kept[table.i] & kept[table.j])
         contacts = table.take(rows, place[table.i[rows]], place[table.j[rows]], table.shift[rows])

@@ -79,8 +79,6 @@ DIAMETERS_FILE = "diameters.csv"
 
 #: where the balls of a lattice of one, two or three dimensions lie
 _PLACES = ("on a line", "in a plane", "in space")
-#: the block of a lattice that has no name of its own
-_OWN_LATTICE = "a block of name, cell (vectors, in spacings of touching balls) and sites (fractions)"
 
 
 @dataclass(frozen=True)
@@ -253,7 +251,8 @@ def read_lattice(value: Any) -> str | Lattice:
         given = block(value, {"name": label, "cell": rows, "sites": rows}, ("name", "cell"))
         with refusing(given["name"], "a lattice of balls that touch and do not overlap"):
             return Lattice(**given)
-    allowed = f"{', '.join(LATTICES)}, or {_OWN_LATTICE}"
+    own = "a block of name, cell (vectors, in spacings of touching balls) and sites (fractions)"
+    allowed = f"{', '.join(LATTICES)}, or {own}"
     if value == "hexagonal":
         raise Refused("'hexagonal'", allowed, "Did you mean 'triangular', with six neighbours?")
     try:
@@ -592,11 +591,7 @@ def _read_removed(value: Any) -> tuple[int, ...]:
 
 
 def _read_cut(value: Any) -> tuple[Any, int, tuple[str, str]]:
-    rules: dict[str, Rule] = {
-        "axis": read_axis,
-        "layers": partial(whole, low=1, high=1_000_000),
-        "edges": _read_edges,
-    }
+    rules: dict[str, Rule] = {"axis": read_axis, "layers": partial(whole, low=1, high=1_000_000), "edges": _read_edges}
     given = block(value, rules, ("axis", "layers"))
     return given["axis"], given["layers"], given.get("edges", ("free", "free"))
 

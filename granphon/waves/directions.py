@@ -134,7 +134,8 @@ class TrueDirections:
         self, operator: WaveOperator, fixed: FixedDirections, moved: list[tuple[Index, Array]], rest: Array,
         more: tuple[Index, Index, Index], bulge: float,
     ) -> None:  # fmt: skip
-        network, self.operator, self.top, self._drives = operator.network, operator, fixed.top, moved
+        network, self.operator, self.top = operator.network, operator, fixed.top
+        self._drives = [(balls, along[list(self.axes)]) for balls, along in moved]
         (i, j, shift), extra = more, len(more[0])
         self.i, self.j = np.concatenate([network.i, i]), np.concatenate([network.j, j])
         flat = np.isinf(network.distance)
@@ -165,32 +166,33 @@ class TrueDirections:
         self.ratio, self.held = self._list_rows(slip, twist, roll, held)
         both = np.concatenate([self.j, self.i])
         self._ends = compose([(both, np.arange(len(both)), 1.0)], (network.n_balls, len(both)))
-        self._weights = np.sqrt(np.stack([network.masses, network.inertias])[:, operator.balls])
+        # where each motion of a ball stands among its displacements and rotations, and in a vector, and its weight
+        weights, motions = np.sqrt(np.stack([network.masses, network.inertias])[:, operator.balls]), operator.motions
+        rows = [self.axes.index(axis) for axis in motions.translations]
+        rows += [len(self.axes) + self.turns.index(axis) for axis in motions.rotations]
+        self._places = [(row, column, weights[int(column >= len(motions.translations))]) for column, row in enumerate(rows)]
         self._rest = np.append(rest, np.zeros(extra))
         # loads that hold the balls at rest, against forces and torques of contacts
+        self._load = np.zeros((len(self.axes) + len(self.turns), network.n_balls))
         still = self.at(np.zeros(operator.size), np.zeros(len(moved)))
-        self._load: Array = np.zeros(())
         self._load = -self._act(still, np.concatenate([np.zeros((1, len(self.i))), self.held]), None)
 
     def _list_rows(self, slip: Array, twist: Array, roll: Array, held: Array) -> tuple[Array, Array]:
         """Return the ratios of stiffnesses (rows - 1, n_c), and forces across contacts at rest likewise."""
         return np.array([slip] * 3 + [twist] + [roll] * 3), np.concatenate([held, np.zeros((4, len(slip)))])
 
-    def _spread(self, x: Array) -> tuple[Array, Array]:
+    def _spread(self, x: Array, ways: Array) -> tuple[Array, Array]:
         """Return vectors (axes, n) of all balls from mass-weighted motions: displacements, and rotations."""
-        motions, balls, n = self.operator.motions, self.operator.balls, self.operator.network.n_balls
-        values, out = x.reshape(len(balls), -1), (np.zeros((len(self.axes), n)), np.zeros((len(self.turns), n)))
-        kinds = (self.axes, motions.translations, motions.translating), (self.turns, motions.rotations, motions.turning)
-        for part, (own, axes, columns), weight in zip(out, kinds, self._weights, strict=True):
-            for axis, column in zip(axes, np.arange(motions.count)[columns], strict=True):
-                part[own.index(axis), balls] = values[:, column] / weight
-        return out
+        values, out = self.operator.values(x), np.zeros(self._load.shape)
+        for row, column, weight in self._places:
+            out[row, self.operator.balls] = values[:, column] / weight
+        for way, (balls, along) in zip(ways, self._drives, strict=True):
+            out[: len(self.axes), balls] = (way * along)[:, None]
+        return out[: len(self.axes)], out[len(self.axes) :]
 
     def at(self, x: Array, ways: Array) -> Moment:
         """Return the balls at a moment."""
-        u, turned = self._spread(x)
-        for way, (balls, along) in zip(ways, self._drives, strict=True):
-            u[:, balls] = (way * along[list(self.axes)])[:, None]
+        u, turned = self._spread(x, ways)
         across = self._difference(u)
         r = self._r + across
         r[:, self._walls] = self._r[:, self._walls]
@@ -229,9 +231,7 @@ class TrueDirections:
 
     def rate(self, at: Moment, v: Array, ways: Array) -> Array:
         """Return the rates of all deformations (8, n_c), at velocities ``v`` and speeds of the drives."""
-        moving, spins = self._spread(v)
-        for way, (balls, along) in zip(ways, self._drives, strict=True):
-            moving[:, balls] = (way * along[list(self.axes)])[:, None]
+        moving, spins = self._spread(v, ways)
         n, across = at.r / at.length, self._difference(moving)
         return np.concatenate([np.sum(n * across, axis=0)[None], self._deform(n, at.length, across, spins)])
 
@@ -266,20 +266,16 @@ class TrueDirections:
 
     def push(self, at: Moment, pull: Array, before: Moment | None = None) -> Array:
         """Return the accelerations (size,) of a pull; with ``before``, its mean over a step."""
-        motions, balls, acting = self.operator.motions, self.operator.balls, self._act(at, pull, before)
-        out = np.empty((len(balls), motions.count))
-        for own, axes, columns, weight, part in (
-            (self.axes, motions.translations, motions.translating, self._weights[0], acting),
-            (self.turns, motions.rotations, motions.turning, self._weights[1], acting[len(self.axes) :]),
-        ):
-            for axis, column in zip(axes, np.arange(motions.count)[columns], strict=True):
-                out[:, column] = part[own.index(axis), balls] / weight
-        return out.ravel()
+        acting, balls = self._act(at, pull, before), self.operator.balls
+        out = np.empty((len(balls), len(self._places)))
+        for row, column, weight in self._places:
+            out[:, column] = acting[row, balls] / weight
+        return np.asarray(self.operator.vector(out))
 
     def resist(self, at: Moment, pull: Array, before: Moment | None = None) -> Array:
         """Return the forces (drives,) along each drive with which contacts and loads resist it."""
         acting = self._act(at, pull, before)[: len(self.axes)]
-        return np.array([-float(np.sum(along[list(self.axes)] @ acting[:, balls])) for balls, along in self._drives])
+        return np.array([-float(np.sum(along @ acting[:, balls])) for balls, along in self._drives])
 
     def rest_energy(self, at: Moment, x: Array) -> float:
         """Return the energy of the loads, J, less what the laws count of it."""

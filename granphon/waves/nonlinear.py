@@ -336,9 +336,6 @@ class _System:
         rooted = np.sqrt(np.where(self.network.moving, masses, 1.0))
         self._push = np.array([field(*one, 1.0 / rooted) for one in pushed]).reshape(len(pushed), operator.size)
         self._weight = field(np.arange(network.n_balls), waves.gravity, rooted)
-        self._turning = np.asarray(operator.vector(
-            np.broadcast_to(operator.motions.is_rotation, (operator.balls.size, operator.motions.count))
-        ))  # fmt: skip
         self._begin()
 
     def _begin(self) -> None:
@@ -425,9 +422,8 @@ class _System:
         touch = self.forces.begin(where.elongation(at), where.since(still, at), where.held)
         nothing = np.zeros(self.network.n_contacts)
         at_rest = self.forces.springs(np.concatenate([nothing[None], where.held]), self.forces.normal.press(nothing)[1])
-        sheared, worked = self.forces.springs(touch.pull, touch.k), np.zeros(3)  # of slips, dashpots and drives
+        start, worked = self.forces.springs(touch.pull, touch.k), np.zeros(3)  # of slips, dashpots and drives
         limit = (2.0 * math.pi / _LEAST_STEPS / step) ** 2
-        start = sheared
         # balls that may meet are listed anew when one has moved by half of the margin
         skin = _SKIN * 2.0 * float(np.mean(self.network.radii[self.network.moving]))
         travelled = math.inf
@@ -446,8 +442,8 @@ class _System:
             kept.keep(
                 {
                     "times": time, "displacements": u, "velocities": speeds, "rotations": self._to_balls(x, True),
-                    "spins": self._to_balls(v, True), "translation": 0.5 * float(np.sum(square[~self._turning])),
-                    "rotation": 0.5 * float(np.sum(square[self._turning])),
+                    "spins": self._to_balls(v, True), "translation": 0.5 * float(np.sum(square[~self.operator.is_rotation])),
+                    "rotation": 0.5 * float(np.sum(square[self.operator.is_rotation])),
                     "stored": stored + self.where.rest_energy(at, x), "lost": worked[0] - (springs - start) + worked[1],
                     "work": worked[2],
                 }, forces, shears, list(self._keys),
