@@ -168,6 +168,7 @@ FIELDS = {
     "species": "`Fe`, which means nothing",
     "pos": "position of the centre",
     "radius": "radius of the ball; OVITO draws it",
+    "mass": "the masses once more, under the name that OVITO reads",
     "diameter_deviations": "diameter minus the mean diameter",
     "displacements": "displacement from the site of the lattice",
     "slip_origin": "displacements at which contacts do not slip",
@@ -197,7 +198,7 @@ FIELDS = {
 #: the unit of fields whose files do not say it; one without a unit is "1"
 FIELD_UNITS = {
     "granphon_length_m": "m", "granphon_stiffness_N_per_m": "N/m", "granphon_mass_kg": "kg", "hertz": "Hz",
-    "force_constants_scale": "1", "masses": "M", "pos": "d", "radius": "d",
+    "force_constants_scale": "1", "mass": "M", "masses": "M", "pos": "d", "radius": "d",
     "diameter_deviations": "d", "displacements": "d", "slip_origin": "d", "rotations": "rad", "chi2": "1", "p": "1",
 }  # fmt: skip
 #: of band.yaml and phonopy_params.yaml

@@ -97,7 +97,7 @@ from .phonons.phonopy_bridge import load_phonopy as load_phonopy
 from .phonons.surfaces import Surface as Surface
 from .phonons.surfaces import SurfaceBranches as SurfaceBranches
 from .phonons.surfaces import SurfaceSpectrum as SurfaceSpectrum
-from .runs.accessor import SweepAccessor as SweepAccessor
+from .runs.dataset import SweepAccessor as SweepAccessor
 from .runs.dataset import load_sweep as load_sweep
 from .runs.store import Store as Store
 from .runs.sweep import sweep as sweep

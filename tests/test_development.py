@@ -5,8 +5,10 @@
 
 from __future__ import annotations
 
+import email
 import re
 import tomllib
+import zipfile
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -54,6 +56,38 @@ def lowest() -> str:
 
 def test_the_lowest_versions_are_those_of_the_project():
     assert read("tests/lowest.txt") == lowest(), "run: python -m tests.test_development > tests/lowest.txt"
+
+
+def test_every_dependency_says_who_needs_it():
+    rows = re.findall(r"^\| ([\w-]+) \| [\d.]+ \| .+ \| .+ \|$", read("docs/development.md"), re.MULTILINE)
+    assert sorted(rows) == sorted(re.split("[<>=]", one)[0] for one in PROJECT["dependencies"])
+
+
+def test_the_wheel_has_the_package_its_licences_and_its_command(tmp_path):
+    wheel = pytest.importorskip("hatchling.builders.wheel")
+    (file,) = wheel.WheelBuilder(str(ROOT)).build(directory=str(tmp_path), versions=["standard"])
+    assert Path(file).name == f"granphon-{granphon.__version__}-py3-none-any.whl"
+    assert 1e6 < Path(file).stat().st_size < 3e6
+    with zipfile.ZipFile(file) as archive:
+        names = archive.namelist()
+        about = next(name.partition("/")[0] for name in names if name.endswith("/METADATA"))
+        metadata = email.message_from_bytes(archive.read(f"{about}/METADATA"))
+        commands = archive.read(f"{about}/entry_points.txt").decode()
+    assert {name.partition("/")[0] for name in names} == {"granphon", about}
+    assert {one for one in names if one.startswith("granphon/")} >= {
+        file.relative_to(ROOT).as_posix() for ending in ("*.py", "*.pyi", "*.js", "*.yaml", "py.typed")
+        for file in (ROOT / "granphon").rglob(ending)
+    }  # fmt: skip
+    assert sorted(metadata.get_all("License-File")) == sorted(
+        ["LICENSE", *(f"granphon/page/assets/vendor/{name}.LICENSE" for name in ("plotly", "three"))]
+    )
+    assert all(f"{about}/licenses/{one}" in names for one in metadata.get_all("License-File"))
+    assert metadata["License-Expression"] == PROJECT["license"]
+    assert "granphon = granphon.__main__:main" in commands
+    needed = [one for one in metadata.get_all("Requires-Dist") if "extra ==" not in one]
+    assert {re.split("[<>=]", one)[0].lower() for one in needed} == {
+        re.split("[<>=]", one)[0].lower() for one in PROJECT["dependencies"]
+    }
 
 
 def test_the_versions_of_a_release_agree():

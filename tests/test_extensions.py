@@ -82,6 +82,9 @@ load: {force: 10 N}
     (tmp_path / "scene.yaml").write_text(text.replace("LAW", "{soft: {part: 0.5, push: 2 s}}"), encoding="utf-8")
     with pytest.raises(InputError, match="push: found '2 s'"):
         Scene.from_yaml(tmp_path / "scene.yaml")
+    (tmp_path / "scene.yaml").write_text(text.replace("LAW", "{soft: {part: 0.5 N, push: 2 N/m}}"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"part: found '0\.5 N'; allowed: a plain number"):
+        Scene.from_yaml(tmp_path / "scene.yaml")
     with pytest.raises(InputError, match=r"the contact law 'jkr' has numbers: adhesion. Give it as JKR"):
         gp.Crystal.on("chain", [ball], law="jkr")
 

@@ -203,7 +203,8 @@ def write_extxyz(path: str | Path, atoms: Atoms) -> None:
     """Write Atoms as extended XYZ with every digit; ``ase.io.read`` and OVITO read it.
 
     ASE's own writer keeps eight decimals. For balls of 8 mm that is 0.1 nm in positions, displacements and diameters, and
-    forces depend on differences of these. Results of the calculator are not written. The folder is made if need be. Raises
+    forces depend on differences of these. Masses stand there twice, as ``masses`` for ASE and as ``mass`` for OVITO. Results
+    of the calculator are not written. The folder is made if need be. Raises
     :class:`InputError` if ``atoms`` is not an Atoms or ``path`` is not a path.
     """
     with needing("A structure file"):
@@ -215,6 +216,8 @@ def write_extxyz(path: str | Path, atoms: Atoms) -> None:
         raise InputError(f"atoms is {brief(atoms)}", mend="Give an ase.Atoms")
     first = {"symbols": np.array(list(atoms.symbols)), "positions": atoms.positions}
     arrays: dict[str, Any] = first | {name: a for name, a in atoms.arrays.items() if name not in ("numbers", "positions")}
+    if "masses" in arrays:
+        arrays["mass"] = arrays["masses"]
     header, _, _, row = output_column_format(atoms, list(arrays), arrays)
     row = row.replace("%16.8f", "%.17g")
     columns = [column for a in arrays.values() for column in (a.T if a.ndim > 1 else a[None])]

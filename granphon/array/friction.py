@@ -166,7 +166,10 @@ class FrictionLaw:
         slide = np.empty(0, np.intp)
         if mu < math.inf:
             limit = mu * (contacts.forces if guess is None else hertz.force_from(new))
-            slide, sliding, share = slide_back(contacts.shears, limit)
+            size, flat = contacts.tangential, contacts.shears.reshape(len(slips), -1)
+            slide = np.flatnonzero(size > limit)
+            sliding, share = flat[:, slide] / size.take(slide), limit.take(slide) / size.take(slide)
+            flat[:, slide] *= share  # they slide along themselves
 
         def linearise() -> Tangent:
             stiffness, shear = hertz.stiffness_of(contacts.roots), springs
@@ -329,19 +332,6 @@ class PressedArray:
     def sliding_fraction(self) -> float:
         """Part of the contacts that carry load whose tangential force is at Coulomb's limit."""
         return self.law.sliding_fraction(self.contacts)
-
-
-def slide_back(shears: Array, limit: Array) -> tuple[NDArray[np.intp], Array, Array]:
-    """Return tangential forces (n_s, ...) that exceed Coulomb's ``limit`` to it in place: they slide along themselves.
-
-    The contacts that slide are returned, by their places in the flattened array, the directions (n_s, ...) of their forces,
-    and the parts of these that are left.
-    """
-    size, flat = _norm(shears), shears.reshape(len(shears), -1)
-    slide = np.flatnonzero(size > limit)
-    directions, share = flat[:, slide] / size.take(slide), limit.take(slide) / size.take(slide)
-    flat[:, slide] *= share
-    return slide, directions, share
 
 
 def _norm(vectors: Array) -> Array:

@@ -26,7 +26,7 @@ from granphon.balls.hertz import HertzLaw
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import ADHESION, LOADS, Quantity
 from granphon.base.registry import Registry
-from granphon.base.validation import Rule, above_zero, choice, not_negative, positive, real_array, real_number, require
+from granphon.base.validation import Rule, above_zero, choice, not_negative, number, positive, real_array, require
 
 Array = NDArray[np.float64]
 #: overlaps, over the radius of a contact, at which a user's law is compared with its derivatives
@@ -601,7 +601,8 @@ def register_law(name: str, law: Any, **units: str) -> Any:
         raise InputError(f"{brief(law)} is no contact law", mend=mend)
     if units and not isinstance(law, type):
         raise InputError(f"the contact law {name!r} is made already", mend="Give its class, or no units")
-    rules = {key: Quantity(key, unit, f"1 {unit}", unit, "any") if unit else real_number for key, unit in units.items()}
+    plain = partial(number, low=-1e300, high=1e300)
+    rules = {key: Quantity(key, unit, f"1 {unit}", unit, "any") if unit else plain for key, unit in units.items()}
     LAWS.add(name, NamedLaw(law, rules))
     return law
 

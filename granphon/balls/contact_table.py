@@ -305,7 +305,7 @@ def require_joined(
     whole = ranks == {periods}  # pieces that extend along all periods: there are only so many of them
     if not whole or count > 1:
         cells = f"{count} in each cell" if periods else f"{count} of them"
-        pieces = f"{_PIECES[ranks.pop()] if len(ranks) == 1 else 'pieces'}, {cells}"
+        pieces = f"{', '.join(_PIECES[rank] for rank in sorted(ranks))}, {cells}"
         what = f"{called} falls into pieces that do not touch: {f'{count} {_PIECES[periods]}' if whole else pieces}"
         raise InputError(what, said, mend or "Move them together, or give one of them alone")
 

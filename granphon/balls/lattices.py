@@ -85,7 +85,7 @@ class Lattice:
                 "Give a cell (p, d) of p vectors in d dimensions, p <= d <= 3, and sites (n, p) or (n, d)",
             ) from None
         if not (np.all(np.isfinite(cell)) and np.all(np.isfinite(sites))):
-            raise InputError(f"lattice {self.name!r} has a number that is not finite")
+            raise InputError(f"lattice {self.name!r} has a number that is not finite", mend="Give finite numbers")
         if (largest := max(np.max(np.abs(cell)), np.max(np.abs(sites)))) > _LARGEST:
             why = "Lengths are in spacings of touching balls, sites in fractions of the cell"
             raise InputError(
@@ -97,7 +97,8 @@ class Lattice:
         object.__setattr__(self, "cell", tuple(map(tuple, cell.tolist())))
         object.__setattr__(self, "sites", tuple(map(tuple, sites.tolist())))
         if self.measure < _LEAST_MEASURE:
-            raise InputError(f"the cell of lattice {self.name!r} is too small for a ball of diameter one")
+            mend = "Give lengths in diameters"
+            raise InputError(f"the cell of lattice {self.name!r} is too small for a ball of diameter one", mend=mend)
         table, pull = self.contacts, np.zeros((self.n_balls, self.dimension))
         np.add.at(pull, table.j, table.normal)
         np.add.at(pull, table.i, -table.normal)

@@ -13,8 +13,6 @@ from contextlib import contextmanager
 from copy import copy
 from typing import Any, Self
 
-#: packages that are installed by another name than that by which they are imported
-_DISTRIBUTIONS = {"yaml": "PyYAML"}
 #: the least whole number that is too large for a float: smaller ones are rounded to the largest float at most
 TOO_LARGE = 2**1024 - 2**970
 #: what ends a line, with the white space around it
@@ -161,7 +159,7 @@ def needing(what: str) -> Iterator[None]:
         name = str(error.name).partition(".")[0]
         if name in ("None", "granphon"):
             raise
-        mend = f"Install it: pip install {_DISTRIBUTIONS.get(name, name)}"
+        mend = f"Install it: pip install {'PyYAML' if name == 'yaml' else name}"
         raise MissingPackageError(f"{name} is not installed", f"{what} needs it", mend) from None
 
 

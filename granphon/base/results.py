@@ -16,14 +16,10 @@ from granphon.base.text import damage_error, digest, require_schema, show
 
 #: most letters of a value, and most entries of an array or a tuple that are all written out
 _MOST_LETTERS, _MOST_ENTRIES = 160, 6
-#: least over the largest end of a range, below which it is rounding
-_ROUNDING = 1e-14
 #: keys that the plain data of a result hold besides its class and its fields
 _ABOUT = ("schema", "units", "digest")
 #: types of values that plain data hold as they are
 _SCALARS = frozenset({str, float, int, bool, NoneType})
-#: types of most values in results, which are kept as they are
-_PLAIN = _SCALARS | {tuple}
 
 
 def write_html(title: str, rows: Iterable[tuple[str, Any, str]]) -> str:
@@ -89,7 +85,7 @@ def _describe_array(values: np.ndarray[Any, Any]) -> str:
         return f"array {shape}{left}"
     ends = np.array([finite.min(), finite.max()])
     if kind == "f":  # an end that is rounding of the other is zero
-        ends[np.abs(ends) < _ROUNDING * np.max(np.abs(ends))] = 0.0
+        ends[np.abs(ends) < 1e-14 * np.max(np.abs(ends))] = 0.0
     low, high = (describe_value(end) for end in ends.tolist())
     what = "magnitudes " if kind == "c" else ""
     return f"array {shape}, {what}{low} to {high}{left}" if low != high else f"array {shape}, all {what}{low}{left}"
@@ -123,7 +119,7 @@ class Result:
 
     def __post_init__(self) -> None:
         for name, value in list(vars(self).items()):
-            if type(value) in _PLAIN:
+            if type(value) in _SCALARS or type(value) is tuple:  # most values, which are kept as they are
                 continue
             if isinstance(value, np.generic):
                 object.__setattr__(self, name, value.item())

@@ -19,11 +19,7 @@ from granphon.base.text import require_schema, write_float
 #: version number of the block at the head of files for phonopy
 _HEADER_SCHEMA = 1
 #: names under which the scales are stored in ``Atoms.info`` and in exported files
-_INFO = {
-    "length": "granphon_length_m",
-    "stiffness": "granphon_stiffness_N_per_m",
-    "mass": "granphon_mass_kg",
-}
+_INFO = {"length": "granphon_length_m", "stiffness": "granphon_stiffness_N_per_m", "mass": "granphon_mass_kg"}
 
 #: sizes of the decimal prefixes, ascending; ``_PREFIXES`` holds their names in the same order
 _SIZES = (

@@ -136,7 +136,7 @@ class Table:
             why = f"Its columns are {', '.join(map(repr, names))}" if self.quoted else ""
             raise InputError(what, why or f"It has {one if len(names) == 1 else several}", mend)
         if not self.lines:
-            raise InputError(f"{self.name} has no rows below its headings")
+            raise InputError(f"{self.name} has no rows below its headings", mend="Write numbers there")
         place = places[0]
         unit, heading = wanted.unit or self.headings[place].unit, self.headings[place].name
         if not unit:

@@ -58,8 +58,6 @@ _WHOLE = re.compile(r"[-+]?[0-9]+")
 _FLOAT = re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?")
 _NOT_FINITE = re.compile(r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)")
 
-#: words that readers of YAML 1.1 or 1.2 do not take for a text
-_NO_TEXTS = {"true", "false", "yes", "no", "on", "off", "y", "n", "null"}
 
 #: the comment line of a file with the digest of the others
 _SEAL = "# sha256 of all other lines: "
@@ -357,7 +355,9 @@ def dump_yaml(data: Mapping[str, Any], indent: str = "") -> str:
 
 def _write_key(key: Any) -> str:
     """A key, in quotes unless it is a word that is a text to every reader."""
-    is_word = re.fullmatch(r"[A-Za-z_][A-Za-z0-9_.-]*", str(key)) and str(key).lower() not in _NO_TEXTS
+    # readers of YAML 1.1 or 1.2 do not take all words for a text
+    is_text = str(key).lower() not in ("true", "false", "yes", "no", "on", "off", "y", "n", "null")
+    is_word = is_text and re.fullmatch(r"[A-Za-z_][A-Za-z0-9_.-]*", str(key))
     return str(key) if is_word else _write_flow(str(key))
 
 

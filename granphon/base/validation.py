@@ -28,8 +28,6 @@ Value = TypeVar("Value")
 Options = ParamSpec("Options")
 #: the deepest nesting of lists: NumPy's arrays have no more dimensions
 _DEEPEST = 64
-#: what one number for each of one, two or three periods is called
-_COUNTS = ("one whole number", "two whole numbers", "three whole numbers")
 
 
 def read_inside(key: str | int, rule: Rule, value: Any) -> Any:
@@ -194,7 +192,8 @@ def grid(value: Any, low: int, high: int, example: str, periods: int = 2) -> tup
     """
     count = len(example.split())
     ones = ("", " and a 1", " and two ones")[count - periods]
-    allowed = f"{_COUNTS[periods - 1]} from {low} to {high}{ones}, such as {example}"
+    wanted = ("one whole number", "two whole numbers", "three whole numbers")[periods - 1]
+    allowed = f"{wanted} from {low} to {high}{ones}, such as {example}"
     words: Any = value.split() if isinstance(value, str) else value.tolist() if hasattr(value, "tolist") else value
     if not isinstance(words, list | tuple) or not periods <= len(words) <= count:
         raise Refused(show(value), allowed)

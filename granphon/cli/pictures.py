@@ -13,10 +13,6 @@ from granphon.base.errors import InputError
 from granphon.cli.app import PICTURES, Force, SceneFile, command
 from granphon.cli.terminal import write_of_scene
 
-#: most cells along a lattice vector, so that the balls can be told from each other
-_MOST_CELLS = 100
-#: most pictures in a period
-_MOST_FRAMES = 240
 #: the programs for which ``export`` writes
 _FORMATS = ("phononwebsite",)
 
@@ -90,7 +86,10 @@ def animate_scene(
     frames: Annotated[
         int,
         typer.Option(
-            min=2, max=_MOST_FRAMES, metavar="N", help="Number of pictures in one period, which takes two seconds."
+            min=2,
+            max=240,
+            metavar="N",
+            help="Number of pictures in one period, which takes two seconds.",
         ),
     ] = 24,
     force: Force = False,
@@ -132,7 +131,7 @@ def _write_picture(
         else:
             options["direction"] = read.directions[0] if read.directions else (1.0, 0.0, 0.0)[: lattice.periods]
         if cells is not None:
-            limited = partial(lengths, low=1, high=_MOST_CELLS, periods=lattice.periods)
+            limited = partial(lengths, low=1, high=100, periods=lattice.periods)  # of more no ball could be told from others
             options["cells"] = require("--cells", limited, cells)
         count = lattice.n_balls * read.packing.ball_motions.count
         if branch >= count:  # told here too, before a state is solved

@@ -13,12 +13,10 @@ import typer
 from granphon.base.errors import InputError
 from granphon.cli.app import FORCE, PICTURES, SCENES, WORK, Force, SceneFile, Scheduler, Workers, command
 from granphon.cli.terminal import GO_ON, NOTHING_WRITTEN, require_name, say, say_table, tell_interruption, warn
-from granphon.cli.wording import describe_cost, describe_result, describe_scene
+from granphon.cli.wording import describe_result, describe_scene
 
 #: the scenes that ``init`` writes; the first is the default
 PRESETS = ("steel_hexagon", "steel_spread", "glass", "hydrogel", "chain", "membrane", "fcc", "hcp", "diatomic")
-#: estimated time of a run, s, above which its cost is printed before it starts
-_LONG = 10.0
 #: groups of the options of ``run`` in its help
 _FILES = "Files"
 
@@ -95,8 +93,7 @@ def run_scene(
     ],
     force: Annotated[bool, typer.Option("--force", help=FORCE, rich_help_panel=_FILES)] = False,
     resume: Annotated[
-        bool,
-        typer.Option("--resume", help="Leave what is complete as it is; go on with what is not.", rich_help_panel=WORK),
+        bool, typer.Option("--resume", help="Leave what is complete as it is; go on with what is not.", rich_help_panel=WORK)
     ] = False,
     workers: Workers = None,
     scheduler: Scheduler = None,
@@ -142,8 +139,8 @@ def run_scene(
             say(f"{out} is complete: it holds the results of this scene. Nothing was computed.")
         return
     cost = read.cost()
-    if cost is not None and not quiet and cost.seconds > _LONG:
-        print(f"granphon: {describe_cost(cost)}", file=sys.stderr, flush=True)
+    if cost is not None and not quiet and cost.seconds > 10.0:
+        print(f"granphon: {cost.text} on one processor", file=sys.stderr, flush=True)
     with tell_interruption(left):
         with open_executor(workers, scheduler) if read.has_tasks else nullcontext() as executor:
             result = read.run(out, force, on_stderr(quiet), figures, resume, executor)
@@ -156,8 +153,7 @@ def run_scene(
 @command("plot", rich_help_panel=PICTURES)
 def draw_results(
     runs: Annotated[
-        list[str],
-        typer.Argument(metavar="RUN", help="Folders of 'granphon run' or 'granphon fit', or files in them."),
+        list[str], typer.Argument(metavar="RUN", help="Folders of 'granphon run' or 'granphon fit', or files in them.")
     ],
     out: Annotated[
         str | None,

@@ -51,8 +51,7 @@ def fit_measurements(
     direction: Annotated[
         str | None,
         typer.Option(
-            metavar="'X Y'",
-            help="Direction of sound, a number for each period; by default the scene's, else the last axis.",
+            metavar="'X Y'", help="Direction of sound, a number for each period; by default the scene's, else the last axis."
         ),
     ] = None,
     force: Force = False,
@@ -98,7 +97,8 @@ def fit_measurements(
     )
     if twice := [name for name in dict.fromkeys(given) if given.count(name) > 1]:
         raise InputError(f"--parameter {twice[0]} is given {given.count(twice[0])} times", mend="Give it once")
-    if columns.get("magnitude", "magnitude") in Table.read(data):
+    table = Table.read(data)
+    if any(columns.get(one, one) in table for one in ("magnitude", "phase")):
         options = {"--frequency": frequency, "--distance": distance, "--sigma": sigma, "--direction": direction}
         for name in (name for name, value in options.items() if value is not None):
             raise InputError(f"{name} is for velocities, and {data} has a transfer function", mend="Leave it out")

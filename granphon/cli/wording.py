@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from granphon.base.scales import write_quantity, write_uncertain
@@ -12,26 +11,16 @@ from granphon.base.text import counted
 if TYPE_CHECKING:
     from granphon.fits.fit import WidthFit
     from granphon.fits.transfer import DampingFit
-    from granphon.media.cost import Cost
     from granphon.scene.run import RunResult
     from granphon.scene.scene import Scene
     from granphon.tradeoffs.measure import TradeOff
 
 
-#: gaps that are told, the widest
-_MOST_GAPS = 3
-
-
 def write_range(value: Any, unit: str) -> str:
     """Text of a value, or of the least and the greatest of several, as :func:`write_quantity` writes them."""
-    values = _flatten(value)
-    return " to ".join(write_quantity(end, unit) for end in sorted({min(values), max(values)}))
+    import numpy as np  # here alone, so that the command's help needs no numpy
 
-
-def _flatten(value: Any) -> list[float]:
-    """Return a number, or those of a nested list or an array, as a list."""
-    plain = value.tolist() if hasattr(value, "tolist") else value
-    return [x for one in plain for x in _flatten(one)] if isinstance(plain, Sequence) else [plain]
+    return " to ".join(write_quantity(end, unit) for end in np.unique([np.min(value), np.max(value)]).tolist())
 
 
 def _write(value: Any, unit: str) -> str:
@@ -69,17 +58,14 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
         ]
     cost = scene.cost()
     if cost is not None:
-        rows.append(("will take", describe_cost(cost)))
+        rows.append(("will take", f"{cost.text} on one processor"))
     return rows
-
-
-def describe_cost(cost: Cost) -> str:
-    """Text of the memory and time that some work will take."""
-    return f"{cost.text} on one processor"
 
 
 def describe_result(result: RunResult) -> list[tuple[str, str]]:
     """Rows of the main numbers of a result: labels, and values in readable units."""
+    import numpy as np
+
     from granphon.observables.catalogue import CATALOGUE
 
     numbers: dict[str, Any] = result.summary()
@@ -91,12 +77,12 @@ def describe_result(result: RunResult) -> list[tuple[str, str]]:
             # a value, or the ends of several, with their standard errors if these are known
             said, error = write_range(numbers[name], one.unit), numbers.get(f"{name}_error")
             if error is not None:
-                values, errors = _flatten(numbers[name]), _flatten(error)
+                values, errors = np.ravel(numbers[name]), np.ravel(error)
                 several = f"{said} +/- {write_range(errors, one.unit)}"
-                said = write_uncertain(values[0], errors[0], one.unit) if len(values) == 1 else several
+                said = write_uncertain(float(values[0]), float(errors[0]), one.unit) if len(values) == 1 else several
             rows.append((one.label.lower(), said + (along if one.unit == "m/s" and one.cost != "surface" else "")))
     if (gaps := numbers.get("gaps")) is not None:
-        widest = sorted(gaps, key=lambda one: one[0] - one[1])[:_MOST_GAPS]
+        widest = sorted(gaps, key=lambda one: one[0] - one[1])[:3]
         told = ", ".join(write_range(one, "Hz") for one in sorted(widest)) or "none"
         more = f", and {len(gaps) - len(widest)} narrower ones" if len(gaps) > len(widest) else ""
         rows.append(("gaps" if len(gaps) > 1 else "gap", told + more))

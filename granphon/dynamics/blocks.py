@@ -22,14 +22,12 @@ from numpy.typing import NDArray
 
 from granphon.base.errors import InstabilityError
 from granphon.dynamics.linalg import (
-    MANY_COLUMNS,
     cholesky_factor,
     find_dependent,
     find_rank,
     graded_eigh,
     graded_svd,
     lapack_svd,
-    well_conditioned,
 )  # fmt: skip
 from granphon.dynamics.rows import WaveRows, bend, bend_slope
 
@@ -169,19 +167,8 @@ class Block:
 
     def solve_with_velocities(self, q: Array, along: Array) -> tuple[Array, NDArray[Any], Array]:
         """Find frequencies, eigenvectors and group velocities (n_q, n, p); resolve degenerate sets along ``along``."""
-        if self.size > MANY_COLUMNS and len(q) > 1:  # one by one, as matrices are large
-            each = [self.solve_with_velocities(q[k : k + 1], along[k : k + 1]) for k in range(len(q))]
-            values, right, velocities = (np.concatenate(parts) for parts in zip(*each, strict=True))
-            return values, right, velocities
-        trusted = np.zeros(1, bool)
-        if self.size > MANY_COLUMNS:
-            # in the plain frame; the tilted one keeps digits near Gamma, where this is not trusted
-            across = None if self.pushing is None else self.pushing.compute_rows(q)
-            point = _Point(q, self.deforming.compute_rows(q), across)
-            values, right, trusted = well_conditioned(self._make_matrix(point.rows, across), self.free)
-        if not np.all(trusted):
-            point = self._compute(q)
-            values, right = self._decompose(point)
+        point = self._compute(q)
+        values, right = self._decompose(point)
         slopes = _Slopes(self, point, values)
         joined = values[:, 1:] - values[:, :-1] <= _DEGENERATE * values[:, 1:]
         if np.any(joined):

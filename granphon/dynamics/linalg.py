@@ -158,18 +158,6 @@ def _decompose(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any
     return values, right
 
 
-def well_conditioned(matrices: NDArray[Any], free: int = 0) -> tuple[NDArray[np.float64], NDArray[Any], NDArray[np.bool_]]:
-    """Find the square roots of the eigenvalues of matrices A^H A (n_matrices, n, n), ascending, and which of them to trust.
-
-    The second array holds the eigenvectors, as columns; the last is (n_matrices,): whether all roots
-    have errors below 1e-11, as the least is not far below the largest. The ``free`` lowest are known to be zero.
-    """
-    squares, right = np.linalg.eigh(matrices)
-    squares[:, :free] = 0.0
-    trusted = squares[:, min(free, squares.shape[1] - 1)] > WELL_ABOVE * squares[:, -1]
-    return np.sqrt(np.maximum(squares, 0.0)), right, trusted
-
-
 def lapack_svd(matrices: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
     """Find what :func:`graded_svd` finds, but only to rounding of the largest singular value."""
     _, values, adjoint = np.linalg.svd(_pad_rows(matrices), full_matrices=False)

@@ -35,27 +35,12 @@ from granphon.phonons.dos import DensityOfStates
 from granphon.phonons.paths import zone_faces, zone_polygon
 
 Array = NDArray[np.float64]
-#: directions, degrees, among which the one is chosen from which a zone in space is seen
-_AZIMUTHS, _ELEVATIONS = range(0, 360, 6), (10, 16, 22, 28)
 Asymptotes = SoundVelocities | ContactLattice
 
-#: colours of modes that only translate, and that only rotate
-_TRANSLATING = ROTATION(0.0)
-_ROTATING = ROTATION(1.0)
 #: colour of a gap between the branches
 _GAP = "0.9"
 #: colours of energy at the lower edge of a cut, at the upper edge, and inside
 _EDGES = (BLUE, VERMILION, "0.75")
-#: width of a branch, in points
-_LINE_WIDTH = 1.5
-#: frequencies closer than this part of the top one are one line in print
-_COINCIDENT = 1e-6
-#: part of the length of a path within which the labels of two corners may touch
-_CROWDED = 0.1
-#: part of the fastest sound below which the velocity of a wave is the rounding of zero
-_STILL = 1e-9
-#: peaks of a density of states so many times higher than all but a fiftieth of it are those of flat branches
-_TOWERING = 6.0
 
 
 def find_reciprocal(bands: Bands) -> Array:
@@ -159,7 +144,7 @@ def _choose_view(corners: Array, faces: list[Array]) -> View:
     normals = middles / np.linalg.norm(middles, axis=1, keepdims=True)
     one, two = np.triu_indices(len(apart), 1)
     best, found = -np.inf, View()
-    for azimuth, elevation in itertools.product(_AZIMUTHS, _ELEVATIONS):
+    for azimuth, elevation in itertools.product(range(0, 360, 6), (10, 16, 22, 28)):  # degrees
         view = View(azimuth, elevation)
         flat = view.project(apart)
         distance = float(np.linalg.norm(flat[one] - flat[two], axis=1).min(initial=np.inf))
@@ -218,7 +203,7 @@ def plot_bands(
         for s, b in np.ndindex(field.shape[0], field.shape[2]):
             ax.fill_between(bands.distances[s], *field[s, :, b].T, color=_GAP, linewidth=0.0, zorder=0.1)
     for s, x in enumerate(bands.distances):
-        widths = _choose_widths(values[s], _COINCIDENT * values.max())
+        widths = _choose_widths(values[s], 1e-6 * values.max())  # what is closer is one line in print
         for b in range(bands.n_branches):
             points = np.stack([x, values[s, :, b]], axis=1)
             middle = 0.5 * (points[:-1] + points[1:])  # the line is cut half way between its points
@@ -234,8 +219,8 @@ def plot_bands(
     corners = np.append(bands.distances[:, 0], bands.distances[-1, -1])
     ax.axhline(0.0, color=FRAME, linewidth=0.5, zorder=0.5)
     slant: dict[str, Any] = {"rotation": 30, "ha": "right"} if max(map(len, bands.labels)) > 5 else {}
-    # where corners are close the two names at a jump of the path stand one above the other
-    crowded = np.min(np.diff(corners), initial=np.inf) < _CROWDED * (corners[-1] - corners[0])
+    # where corners are so close that names may touch, the two names at a jump of the path stand one above the other
+    crowded = np.min(np.diff(corners), initial=np.inf) < 0.1 * (corners[-1] - corners[0])
     name_corners(ax, corners, bands.labels, **slant)
     if crowded:
         ax.set_xticklabels([text.get_text().replace("|", "\n") for text in ax.get_xticklabels()])
@@ -266,7 +251,7 @@ def _choose_widths(values: Array, tolerance: float) -> Array:
     close = np.abs(values[:, :, None] - values[:, None, :]) <= tolerance
     both = np.pad(close[1:] & close[:-1], ((1, 1), (0, 0), (0, 0)))
     later = np.triu(both[1:] | both[:-1], 1).sum(axis=2)
-    return np.asarray(_LINE_WIDTH * (1.0 + np.minimum(later, 3)))
+    return np.asarray(1.5 * (1.0 + np.minimum(later, 3)))  # width of a branch, in points
 
 
 def plot_asymptotes(
@@ -299,7 +284,7 @@ def plot_asymptotes(
             speeds = {name: v / scales.velocity for name, v in named.items() if v is not None}
         else:
             speeds = dict(zip(velocities.wave_names, velocities.sound_velocities(way)[0].tolist(), strict=True))
-        waves = {name: v * q for name, v in speeds.items() if v > _STILL * max(speeds.values())}
+        waves = {name: v * q for name, v in speeds.items() if v > 1e-9 * max(speeds.values())}  # less is rounding of zero
         if isinstance(velocities, ContactLattice) and len(velocities.motions.rotations) == velocities.n_balls == 1:
             squared, curvature = velocities.optical_branch(way)
             inside = 1.0 - curvature * q**2
@@ -322,7 +307,7 @@ def plot_dos(dos: DensityOfStates, ax: Axes, *, horizontal: bool = True, unit: H
     """
     unit = _choose_unit(dos) if unit is None else unit
     frequency, fill = dos.frequencies / unit.hertz, ax.fill_betweenx if horizontal else ax.fill_between
-    parts = {"translation": (dos.translational, _TRANSLATING), "rotation": (dos.rotational, _ROTATING)}
+    parts = {"translation": (dos.translational, ROTATION(0.0)), "rotation": (dos.rotational, ROTATION(1.0))}
     curves = {**(parts if np.any(dos.rotational > 0.0) else {}), "total": (dos.total, "black")}
     for name, (per_hertz, colour) in curves.items():
         density = per_hertz * unit.hertz
@@ -332,9 +317,9 @@ def plot_dos(dos: DensityOfStates, ax: Axes, *, horizontal: bool = True, unit: H
         ax.plot(*pair, color=colour, linewidth=0.7 if name == "total" else 1.0, label=name)
     along, across = ("y", "x") if horizontal else ("x", "y")
     name, gap = print_hertz(unit), "\n" if horizontal else " "
-    # less than the highest peak is drawn where flat branches tower above the rest
     peak, most = float(dos.total.max()) * unit.hertz, float(np.quantile(dos.total, 0.98)) * unit.hertz
-    top = 2.0 * most if 0.0 < most < peak / _TOWERING else peak
+    # peaks six times higher than all but a fiftieth of the density are those of flat branches, and are not drawn whole
+    top = 2.0 * most if 0.0 < most < peak / 6.0 else peak
     beyond = f"{gap}peaks to {peak:.2g}" if peak > top else ""
     numbered = getattr(ax, f"{along}axis").get_tick_params().get("labelleft" if horizontal else "labelbottom", True)
     labels = f"Frequency ({name})" if numbered else "", f"DOS per ball{gap}(1/{name}){beyond}"

@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from granphon.figures.scales import add_legend, name_axis, scale_axis, styled_figure
 
@@ -33,7 +33,6 @@ from granphon.balls.lattices import find_lattice
 from granphon.balls.loads import force_of_frame
 from granphon.balls.packing import Packing
 from granphon.base.errors import FigureError, InputError, brief
-from granphon.base.quantities import LOAD_KINDS
 from granphon.base.results import restore
 from granphon.base.scales import HertzPrefix, write_uncertain
 from granphon.base.text import closest
@@ -55,14 +54,8 @@ from granphon.media.simulation import DirectSimulation
 from granphon.observables.catalogue import CATALOGUE, axis_label
 from granphon.phonons.bands import Bands
 from granphon.phonons.dos import DensityOfStates
-from granphon.runs.dataset import find_dataset, list_finite_overlap, tabulate
+from granphon.runs.dataset import Dataset, find_dataset, find_load, list_finite_overlap, tabulate
 
-if TYPE_CHECKING:
-    from granphon.runs.dataset import Dataset
-
-
-#: letters of a line of the legend of a fit
-_FIT_LETTERS = 28
 #: how measured points are drawn
 _DATA_STYLE: dict[str, Any] = {
     "fmt": "o", "color": "black", "markersize": 2.6, "elinewidth": 0.7, "capsize": 0.0, "zorder": 2.0,
@@ -72,25 +65,17 @@ Array = NDArray[np.float64]
 _LARGEST = 1e280
 #: dashes of lines that have the same colour, the first solid; none is that of a line outside its range
 _DASHES = (None, (1.0, 1.4), (5.0, 1.6, 1.0, 1.6), (8.0, 2.5))
-#: marks of points that have the same colour
-_MARKERS = ("o", "s", "^", "D")
 #: the most lines that colours and dashes tell apart
 MOST_LOOKS = len(COLOURS) * len(_DASHES)
 #: marks of the media that an automatic medium chose; a simulation has the mark of its points
 _SERVING = {"ala": "s", "afa": "v", "ema": "^", "cluster": "D"}
-#: such a line has at most about so many of these marks
-_MOST_MARKS = 12
 #: looks of a line, and of marks, where the medium is not valid
 _OUTSIDE: dict[str, Any] = {"linewidth": 0.7, "dashes": (3.0, 1.5)}
 _HOLLOW = {"markerfacecolor": "white"}
-#: sizes of marks: of points, of those that say which medium served, and of those that are reached by a fall of the load
-_SIZE, _SERVING_SIZE, _FALL_SIZE = 3.0, 3.6, 5.0
+#: sizes of marks: of points, and of those that say which medium served
+_SIZE, _SERVING_SIZE = 3.0, 3.6
 #: what points have in a legend, but colour and mark
 _POINTS: dict[str, Any] = {"markersize": _SIZE, "linestyle": "none"}
-#: rows of the legend for which a figure of a sweep has room, and the most combinations that it names
-_LEGEND_ROWS, _MOST_NAMED = 4, 8
-#: names that stand nearer than this one above the other, over the height of the axes, are written in one
-_APART = 0.06
 #: the velocity of pulses through simulated arrays
 _PULSE = "pulse_velocity"
 #: the velocities that a sweep may have, with their symbols
@@ -102,24 +87,12 @@ _VELOCITIES = {
 _SLOW = "transverse_slow"
 _SLOW_DASHES = (6.0, 1.5, 1.0, 1.5)
 _VELOCITY_MARKERS = {_SLOW: "v", "transverse_fast": "^", _PULSE: "s"}
-#: letters of a line of a legend, and of a title, in a column
-_LETTERS, _TITLE_LETTERS = 50, 60
-#: width of a letter over the size of the font; length of a handle in a legend that shows dashes, in letters
-_LETTER, _LONG_HANDLE = 0.55, 2.8
-#: height of a figure without legend and title, in inches
-_HEIGHT = 2.5
+#: letters of a line of a legend, in a column
+_LETTERS = 50
 #: marks of measured points, which are black
 _DATA_MARKS = ("o", "s", "^", "D", "v", "P")
 #: what may be on the axis of loads
 _LOADS = ("force", "pressure", "overlap", "reduced_force")
-#: what is drawn if nothing is said: the first of these that all runs hold
-_FIRST = ("longitudinal", "transverse", "transverse_fast", "transverse_slow", "bulk")
-#: number of forces at which the line of a fit is drawn
-_LINE = 200
-#: periods of a lattice by the unit of its pressure
-_PERIODS = {"N": 1, "N/m": 2, "Pa": 3}
-#: relative difference of loads in proportion that is rounding
-_SAME = 1e-9
 
 #: what the caption of a drawn Axes needs: entries of the legend, and what all curves share, in words
 _Drawn = tuple[list[Line2D], list[str]]
@@ -133,7 +106,7 @@ def plot_fit(fit: WidthFit, ax: Axes, residual_ax: Axes) -> tuple[Axes, Axes]:
     ax.errorbar(fit.force, fit.velocity, fit.sigma, **_DATA_STYLE, label="data", gid="data")
     structure = fit.packing.structure
     # in short lines, so that the legend has room below the curve
-    label = join_facts([describe_medium(fit.medium, structure.periods, structure.n_balls)], _FIT_LETTERS)
+    label = join_facts([describe_medium(fit.medium, structure.periods, structure.n_balls)], 28)
     label += f":\nW = {write_width(fit)}" if "width" in fit.parameters else ""
     style: dict[str, Any] = {"color": VERMILION, "label": label, "gid": "fit", "zorder": 1.5}
     if np.ndim(fit.waves.frequency):
@@ -234,7 +207,7 @@ def make_looks(count: int) -> list[Look]:
     turns = [(n % len(COLOURS), n // len(COLOURS) % len(_DASHES)) for n in range(count)]
     widths = np.linspace(2.2, 1.0, count + 1)[1:].tolist() if count > 1 else [1.6]
     return [
-        Look(COLOURS[colour], width, _DASHES[turn], _MARKERS[turn])
+        Look(COLOURS[colour], width, _DASHES[turn], ("o", "s", "^", "D")[turn])
         for (colour, turn), width in zip(turns, widths, strict=True)
     ]
 
@@ -269,12 +242,12 @@ def draw_curve(ax: Axes, curve: Curve, look: Look, gid: str) -> None:
     ax.plot(curve.x, np.where(curve.valid, curve.y, np.nan), gid=f"{gid}-valid", **solid)
     falls = np.diff(curve.x, prepend=curve.x[0]) < 0.0
     if curve.path and np.any(falls):
-        fallen = solid | {"marker": "v", "markersize": _FALL_SIZE}
+        fallen = solid | {"marker": "v", "markersize": 5.0}
         ax.plot(curve.x[falls], np.where(curve.valid, curve.y, np.nan)[falls], gid=f"{gid}-falling", **fallen)
     # on an automatic medium, which medium served where: the ends of its loads, and some between
     n, named = curve.x.size, np.array([one.partition("(")[0] for one in curve.served])
     change = np.flatnonzero(named[1:] != named[:-1])
-    some = np.concatenate([np.arange(0, n, max(1, -(-n // _MOST_MARKS))), change, change + 1, [n - 1]])
+    some = np.concatenate([np.arange(0, n, max(1, -(-n // 12))), change, change + 1, [n - 1]])  # about twelve
     shown = np.isin(np.arange(n), some) | curve.simulated
     for name in dict.fromkeys(named.tolist()):
         for valid in (True, False):
@@ -318,11 +291,6 @@ def _make_remarks(curves: Sequence[Curve]) -> list[Line2D]:
 # -- the curves of a data set
 
 
-def find_load(dataset: Dataset) -> str:
-    """Return the name of the load that was given: a coordinate along the loads."""
-    return next((str(name) for name in LOAD_KINDS if name in dataset.coords and dataset[name].dims == ("load",)), "force")
-
-
 def read_values(dataset: Dataset, name: str, run: str = "") -> Any:
     """Return a variable over the load; :class:`InputError` if it cannot be drawn, FigureError beyond matplotlib's axes."""
     if name not in dataset.variables:
@@ -357,13 +325,6 @@ def list_parameters(dataset: Dataset) -> list[str]:
     """Return the dimensions of the sweep besides load and medium: its parameters, and directions if there are many."""
     along = ("direction",) * ("direction" in dataset.dims)
     return [str(name) for name in (*dataset["valid"].dims, *along) if name not in ("load", "medium")]
-
-
-def choose_parameter(dataset: Dataset) -> str | None:
-    """Return the parameter in numbers that has the most values, where there is one load; None where curves are over it."""
-    sizes = {name: dataset.sizes[name] for name in list_parameters(dataset) if dataset[name].dtype.kind in "fiu"}
-    most = max(sizes, key=lambda name: sizes[name], default=None)
-    return most if dataset.sizes["load"] == 1 and most is not None and sizes[most] > 1 else None
 
 
 def turn_over(dataset: Dataset, x: str | None) -> Dataset:
@@ -482,7 +443,9 @@ def _draw_sweep(dataset: Dataset, ax: Axes, variable: str, x: str | None) -> tup
 
     These are the colours, combinations of parameters, grey if there are several colours, and what holds for all curves.
     """
-    x = x or choose_parameter(dataset)
+    if dataset.sizes["load"] == 1:  # curves lie over the parameter in numbers that has the most values
+        numbers = {name: dataset.sizes[name] for name in list_parameters(dataset) if dataset[name].dtype.kind in "fiu"}
+        x = x or next((name for name in numbers if numbers[name] == max(numbers.values()) > 1), None)
     dataset = turn_over(dataset, x)
     x, colours = x or find_load(dataset), itertools.cycle(COLOURS)
     read_values(dataset, variable)
@@ -509,7 +472,7 @@ def _draw_sweep(dataset: Dataset, ax: Axes, variable: str, x: str | None) -> tup
         handles = [_make_handle(look, words, points) for ((look, _), points), words in zip(named, told, strict=True)]
     if count > 1:
         kinds, _ = find_differing([curve.facts for curve in groups[0]])
-        grey, chosen = _make_shades("0.5" if several else COLOURS[0], count), pick_evenly(count, _MOST_NAMED)
+        grey, chosen = _make_shades("0.5" if several else COLOURS[0], count), pick_evenly(count, 8)
         for n in chosen:
             words = ", ".join(groups[0][n].facts[kind] for kind in kinds)
             handles.append(_make_handle(Look(grey[n], 1.5), words, all(simulated)))
@@ -585,7 +548,7 @@ def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None
         )
         for handle, label in zip(handles, labels, strict=True):
             handle.set_label(label)
-        add_legend(figure, handles, _LEGEND_ROWS, title if alone else None)
+        add_legend(figure, handles, 4, title if alone else None)
     return figure
 
 
@@ -604,7 +567,7 @@ def _name_velocities(ax: Axes, drawn: dict[str, list[Curve]]) -> None:
     together: dict[float, list[str]] = {}
     for name, value in sorted(ends.items(), key=lambda item: item[1]):
         height = float(to_axes.transform((ax.get_xlim()[0], value))[1])
-        if height - last > _APART:
+        if height - last > 0.06:  # names that stand nearer, over the height of the axes, are written in one
             last, together[value] = height, []
         together[max(together)].append(name)
     for value, names in together.items():
@@ -656,22 +619,23 @@ def plot_together(
         size = FontProperties(size=matplotlib.rcParams["font.size"]).get_size_in_points()
         figure: Any = ax.get_figure()
         points = 72.0 * figure.get_figwidth() * ax.get_position().width
-        ax.set_title(join_facts(common, max(20, int(points / (_LETTER * size)))), fontsize=size)
+        # a letter is about 0.55 of the size of the font wide
+        ax.set_title(join_facts(common, max(20, int(points / (0.55 * size)))), fontsize=size)
     return ax
 
 
 def _find_length(handles: Sequence[Line2D]) -> float | None:
     """Return the length of the handles of a legend, in letters; longer if dashes tell lines apart, None for the usual."""
-    return _LONG_HANDLE if any(handle.is_dashed() and handle.get_linewidth() > 0.9 for handle in handles) else None
+    return 2.8 if any(handle.is_dashed() and handle.get_linewidth() > 0.9 for handle in handles) else None
 
 
 def comparison_figure(results: Sequence[Any] | Mapping[str, Any], *, legend: bool = True, **options: Any) -> Figure:
     """Draw :func:`plot_together`, whose ``options`` these are, as a figure, one column wide, with the legend below it."""
-    with styled_figure(_HEIGHT) as figure:
+    with styled_figure(2.5) as figure:  # without legend and title, which make it higher
         handles, common = _draw_together(results, figure.subplots(), **options)
         if not legend:
             return figure
-        title = join_facts(common, _TITLE_LETTERS)
+        title = join_facts(common, 60)
         lines = 1 + title.count("\n") if title else 0
         add_legend(figure, handles, -lines, handlelength=_find_length(handles))
         if title:
@@ -792,7 +756,7 @@ def _tabulate_fit(name: str, fit: WidthFit, named: bool) -> Run:
     """Return the measured velocities of a fit, and its line over the force, as data sets of states."""
     frequency, branch, finite = fit.waves.frequency, fit.waves.branch, fit.waves.finite_overlap
     several = np.ndim(frequency) > 0  # a fit of pulses that each have a frequency is known at the data alone
-    force = fit.force if several else np.geomspace(fit.force.min(), fit.force.max(), _LINE)
+    force = fit.force if several else np.geomspace(fit.force.min(), fit.force.max(), 200)
     # the overlap of a simulation follows from nothing that was measured
     choice = fit.choice.stand_in
     loads = [load for load in _LOADS[1:] if load != "overlap" or choice == fit.choice]
@@ -840,7 +804,8 @@ def choose_axes(runs: Sequence[Run], x: str | None, y: str | None) -> tuple[str,
             held = ", ".join(one for one in _LOADS if one in common) or "figures of their own"
             raise InputError(what, "The runs cannot share that axis", f"Use {held}")
     if y is None:
-        if (first := next((name for name in _FIRST if name in common), None)) is not None:
+        usual = ("longitudinal", "transverse", "transverse_fast", "transverse_slow", "bulk")
+        if (first := next((name for name in usual if name in common), None)) is not None:
             return load, first
         each = ", ".join(f"{run.name} {run.what}" for run in runs)
         first = next((one for one in common if one not in _LOADS and not one.endswith("_error")), None)
@@ -869,7 +834,7 @@ def _find_ratio(runs: Sequence[Run], x: str, mend: str = "Draw over the force") 
         return 1.0
     found = [run.dataset for run in runs if run.dataset is not None and x in run.dataset and x != "overlap"]
     ratios = np.concatenate([np.zeros(0), *(np.ravel(dataset[x] / dataset["force"]) for dataset in found)])
-    if not ratios.size or not np.all(np.isfinite(ratios)) or np.ptp(ratios) > _SAME * np.max(np.abs(ratios)):
+    if not ratios.size or not np.all(np.isfinite(ratios)) or np.ptp(ratios) > 1e-9 * np.max(np.abs(ratios)):
         why = "It is not the same multiple of the contact force in all of them"
         why = "The overlap of balls was not measured" if x == "overlap" else why
         raise InputError(f"the {x} of measured points is not known from these runs", why, mend)
@@ -890,7 +855,7 @@ def _read_points(given: Any, runs: Sequence[Run], x: str, y: str, balls: int | N
         def press(pressure: float) -> float:
             return pressure / _find_ratio(runs, "pressure", "Give the contact forces in the file")
 
-        given = Measurements.read(given, frame=frame, pressed=press, periods=_PERIODS.get(unit, 2))
+        given = Measurements.read(given, frame=frame, pressed=press, periods={"N": 1, "N/m": 2, "Pa": 3}.get(unit, 2))
     sigma = np.nan if given.sigma is None else given.sigma
     facts = {"run": name}
     if given.frequency is not None:

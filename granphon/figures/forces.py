@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from granphon.figures.scales import FORCES, add_title, name_axis, styled_figure
+from granphon.figures.scales import FORCES, ROW_HEIGHT, add_title, name_axis, styled_figure
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -22,56 +22,27 @@ from granphon.base.errors import InputError, brief
 from granphon.base.scales import prefixed
 from granphon.base.text import counted
 from granphon.base.validation import finite_array
-from granphon.figures.style import (
-    BLUE,
-    GUIDE,
-    PAGE_WIDTH,
-    STYLE,
-    VERMILION,
-    colour_kinds,
-)  # fmt: skip
+from granphon.figures.style import BLUE, GUIDE, PAGE_WIDTH, STYLE, VERMILION, colour_kinds  # fmt: skip
 from granphon.media.state import ContactState
 from granphon.networks.network import ContactNetwork
 from granphon.phonons.phonopy_atoms import number_kinds
 
 Array = NDArray[np.float64]
-#: width of the line of a contact with the mean force, in diameters
-_MEAN_WIDTH = 0.15
-#: the greatest width of that line, in points
-_MOST_POINTS = 1.5
-#: the greatest width of any line of a network, in those of the mean force: one contact may carry all
-_WIDEST = 4.0
 #: colours of balls and of those that do not move, and of contacts without force and walls
 _BALL, _STILL, _IDLE = "0.95", "0.75", "0.55"
 #: colours of balls of several masses, whose kinds are not known
 _TINTS = (_BALL, "#cfe3f3", "#f7dcc4", "#d5ead3", "#e4d9ee", "#f3e6b3")
-#: difference of forces, over their mean, that is only rounding
-_SAME = 1e-10
 #: largest distance of a ball from the layer that is drawn, in diameters
 _LEVEL = 1e-6
-#: the largest number of lines that stay lines in files of vectors
-_MOST_VECTORS = 20_000
-#: the largest number of balls that are outlined
-_MOST_OUTLINED = 700
 #: what of the contacts may be shown
 Show = Literal["auto", "all", "window", "density"]
 _SHOWS = ("all", "window", "density")
-#: the greatest length of an array whose contacts are all drawn, and that of the window of a larger one, in diameters
-_MOST_DIAMETERS, _WINDOW = 48.0, 24.0
-#: the least side of the squares over which forces are averaged, in diameters, and the most squares along the array
-_LEAST_SQUARE, _MOST_SQUARES = 4.0, 40
-#: height of a figure of the window alone, and of that of a large array, in inches
-_WINDOW_HEIGHT, _LARGE_HEIGHT = 3.65, 3.1
-#: height of a row of kinds in a legend, in inches
-_ROW_HEIGHT = 0.16
+#: the greatest length of an array whose contacts are all drawn, in diameters
+_MOST_DIAMETERS = 48.0
 
 
 def plot_forces(
-    sample: Sample | ContactNetwork,
-    ax: Axes | None = None,
-    *,
-    show: Show = "auto",
-    window: Sequence[float] | None = None,
+    sample: Sample | ContactNetwork, ax: Axes | None = None, *, show: Show = "auto", window: Sequence[float] | None = None
 ) -> Axes:
     """Draw the contact forces of a sample or a network: a line from ball to ball, as wide and as dark as its force.
 
@@ -110,17 +81,17 @@ def plot_forces(
         show = "window" if window is not None else "all" if small else "density"
     edges = layer.edges if show != "window" else _choose_window(layer, window)
     if ax is None:
-        height = layer.height if show != "window" or window is not None else _WINDOW_HEIGHT
-        with styled_figure(height + _ROW_HEIGHT * min(4, -(-len(layer.kinds) // 2))) as new:
+        height = layer.height if show != "window" or window is not None else 3.65
+        with styled_figure(height + ROW_HEIGHT * min(4, -(-len(layer.kinds) // 2))) as new:
             return plot_forces(sample, new.subplots(), show=show, window=window)
     figure: Any = ax.get_figure()
     drawn: LineCollection | QuadMesh
     left, bottom, right, top = edges
     means = ""
     if show == "density":
-        # squares over which forces are averaged; a contact counts half at each of its balls, so that none is lost at an
-        # edge of a periodic array
-        side, (x, y) = max(_LEAST_SQUARE * layer.diameter, float(np.max(layer.size)) / _MOST_SQUARES), layer.places.T
+        # squares of four diameters or more, forty along the array at most, over which forces are averaged; a contact counts
+        # half at each of its balls, so that none is lost at an edge of a periodic array
+        side, (x, y) = max(4.0 * layer.diameter, float(np.max(layer.size)) / 40), layer.places.T
         numbers = np.maximum(1, np.round(layer.size / side)).astype(int)
         grid = [np.linspace(a, b, n + 1) for a, b, n in ((left, right, numbers[0]), (bottom, top, numbers[1]))]
         total, count = (np.histogram2d(x, y, grid, weights=each)[0] for each in (layer.sums, layer.counts))
@@ -156,7 +127,7 @@ def _choose_window(layer: _Map, given: Sequence[float] | None) -> tuple[float, .
     """Return the edges of the window that is given, or of that in the middle; InputError if they are no edges."""
     if given is None:
         low, high = np.reshape(layer.edges, (2, 2))
-        middle, half = (low + high) / 2.0, np.minimum((high - low) / 2.0, _WINDOW / 2.0 * layer.diameter)
+        middle, half = (low + high) / 2.0, np.minimum((high - low) / 2.0, 12.0 * layer.diameter)
         return (*(middle - half).tolist(), *(middle + half).tolist())
     numbers = finite_array("window", given)
     if numbers.shape != (4,) or not (numbers[0] < numbers[2] and numbers[1] < numbers[3]):
@@ -181,15 +152,15 @@ def _draw_chains(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> LineCollect
     # printed size of a diameter, in points, estimated because the layout is not known yet
     size = (high - low) / layer.diameter
     points = float(np.min(72.0 * figure.get_size_inches() * ax.get_position().size / size))
-    if len(sites) <= _MOST_OUTLINED:
+    if len(sites) <= 700:  # more are not outlined
         style: dict[str, Any] = {"facecolors": colours, "edgecolors": "0.7", "linewidths": 0.4, "gid": "balls"}
         place = {"offsets": sites, "offset_transform": ax.transData}
         ax.add_collection(EllipseCollection(sizes, sizes, 0.0 * sizes, units="xy", **style, **place), autolim=False)
     widths = forces  # of lines, in those of the mean force
     if (network := layer.network) is not None:
-        # the width of the thinnest line is a fifth of that
+        # widths are a fifth of that of the mean force to four times it: one contact may carry all
         mean = float(np.mean(network.normal_force)) if network.n_contacts else 0.0
-        widths = np.clip(forces / mean, 0.2, _WIDEST) if mean > 0.0 else np.full(len(forces), 0.2)
+        widths = np.clip(forces / mean, 0.2, 4.0) if mean > 0.0 else np.full(len(forces), 0.2)
         # a piece of a flat wall at each contact with it
         ends = ((network.i, network.j, network.arm_j, -1.0), (network.j, network.i, network.arm_i, 1.0))
         pieces = list[Array]()
@@ -201,8 +172,10 @@ def _draw_chains(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> LineCollect
             pieces.append(np.stack([touch - across, touch + across], axis=1))
         walls = LineCollection(list(np.concatenate(pieces)), colors=_IDLE, linewidths=1.0, gid="walls")
         ax.add_collection(walls, autolim=False)
-    chains = LineCollection(list(segments), capstyle="round", gid="forces", rasterized=len(segments) > _MOST_VECTORS)
-    chains.set(linewidths=min(_MEAN_WIDTH * points, _MOST_POINTS) * widths)
+    # more lines are pixels, in files of vectors too
+    chains = LineCollection(list(segments), capstyle="round", gid="forces", rasterized=len(segments) > 20_000)
+    # the line of a contact with the mean force is 0.15 diameters wide, or 1.5 points
+    chains.set(linewidths=min(0.15 * points, 1.5) * widths)
     if forces[-1] > 0.0:
         chains.set(array=forces, cmap=FORCES, norm=Normalize(0.0, float(forces[-1])))
     else:
@@ -363,7 +336,7 @@ def plot_force_distribution(state: ContactState, ax: Axes) -> Axes:
     width = max(float(np.mean([sample.contact_force_fluctuation for sample in state.samples])) / 4.0, 1e-12)
     bins = int(np.clip((largest - least) / width, 20, 400))
     margin = (largest - least) / (2.0 * bins)
-    if largest - least < _SAME:
+    if largest - least < 1e-10:  # this is only rounding
         bins, margin = 21, 0.05
     found = [sample.force_distribution(bins, largest + margin, max(least - margin, 0.0)) for sample in state.samples]
     edges, density = found[0][0], np.mean([each for _, each in found], axis=0)
@@ -387,7 +360,7 @@ def forces_figure(state: ContactState) -> Figure:
     sample = state.samples[0]
     layer = _find_layer(sample)
     large = float(np.max(layer.size)) > _MOST_DIAMETERS
-    with styled_figure(_LARGE_HEIGHT if large else layer.height, PAGE_WIDTH) as figure:
+    with styled_figure(3.1 if large else layer.height, PAGE_WIDTH) as figure:
         *arrays, last = figure.subplots(1, 2 + large)
         if large:
             edges = _choose_window(layer, None)

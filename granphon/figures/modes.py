@@ -42,16 +42,10 @@ _LARGEST = 0.4
 _MARK = np.pi / 2.0
 #: edge of the cube in space whose balls are drawn, in diameters
 _CUBE = 2.4
-#: colours of balls, of the lines that join balls in contact, and of marks on balls
-_BALL, _CONTACT, _RING = "0.93", "0.62", "0.3"
-#: colours of balls that do not move, of the sectors of spins, and the white rim of their arcs on balls of any colour
-_STILL, _LIGHT, _RIM = "0.75", {VERMILION: "#F5D6BF", BLUE: "#BFDBEB"}, withStroke(linewidth=2.0, foreground="white")
-#: part of white in the colours of what is farthest from the viewer
-_FADE = 0.55
-#: width of the shaft of an arrow, in diameters
-_SHAFT = 0.055
-#: most balls of a mode of a network that are drawn
-_MOST_BALLS = 500
+#: colour of balls
+_BALL = "0.93"
+#: colours of the sectors of spins, and the white rim of their arcs on balls of any colour
+_LIGHT, _RIM = {VERMILION: "#F5D6BF", BLUE: "#BFDBEB"}, withStroke(linewidth=2.0, foreground="white")
 #: spins and displacements below this part of a diameter are not drawn
 _LEAST = 0.01
 
@@ -224,7 +218,7 @@ def _find_network_motion(modes: NetworkModes, mode: int) -> _Motion:
     mode, moving, d = whole_number("mode", mode, 0, count - 1), network.ball_motions, network.scales.length
     vectors = modes.vectors[mode]
     energy = np.where(np.isfinite(network.radii), np.sum(vectors**2, axis=1), -1.0)
-    balls = np.sort(np.argsort(-energy, kind="stable")[: min(_MOST_BALLS, np.count_nonzero(energy >= 0.0))])
+    balls = np.sort(np.argsort(-energy, kind="stable")[: min(500, np.count_nonzero(energy >= 0.0))])
     place = np.full(network.n_balls, -1)
     place[balls] = np.arange(balls.size)
     pairs = np.stack([place[network.i], place[network.j]], axis=1)
@@ -246,7 +240,7 @@ def _find_network_motion(modes: NetworkModes, mode: int) -> _Motion:
     return _Motion(
         network.positions[balls] / d, network.radii[balls] / d, pairs, scale * u, scale * w / gyration[:, None], gyration,
         moving.rotate, network.dimension < 3 and 2 not in moving.translations and set(moving.rotations) <= {2}, said,
-        [kinds.get(names[ball], _BALL) if network.moving[ball] else _STILL for ball in balls.tolist()], kinds,
+        [kinds.get(names[ball], _BALL) if network.moving[ball] else "0.75" for ball in balls.tolist()], kinds,
     )  # fmt: skip
 
 
@@ -336,7 +330,7 @@ def _draw_spheres(
     for i, j in motion.pairs:  # a line for each contact, from surface to surface
         way = centres[j] - centres[i]
         way = way / np.linalg.norm(way)
-        painter.add_line(np.array([centres[i] + radii[i] * way, centres[j] - radii[j] * way]), _CONTACT, 1.0)
+        painter.add_line(np.array([centres[i] + radii[i] * way, centres[j] - radii[j] * way]), "0.62", 1.0)
     turned: list[Any] = [()] * len(centres)
     if moved:
         # imported here, as only a ball that turns needs it
@@ -354,13 +348,13 @@ def _draw_spheres(
             for part in np.split(seen, np.flatnonzero(np.diff(seen) > 1) + 1):
                 if len(part) > 1:
                     nearness = float(view.nearness(centre))
-                    painter.add_line(centre + radius * circle[part], _RING, 0.5, nearness=nearness)
+                    painter.add_line(centre + radius * circle[part], "0.3", 0.5, nearness=nearness)
         for arrow, colour in () if moved else ((u, "black"), (scale * phi, VERMILION)):
             length = float(np.linalg.norm(arrow))
             if length > _LEAST:
                 start = arrow - min(float(arrow @ view.axes[2]), 0.0) * view.axes[2]
                 size = float(np.linalg.norm(start)) or 1.0  # along the line of sight nothing is seen of it
-                painter.add_arrow(centre + radius / size * start, arrow, colour, _SHAFT)
+                painter.add_arrow(centre + radius / size * start, arrow, colour, 0.055)
         if not moved and scale * np.linalg.norm(phi) > _LEAST:
             # the arc through which a point of the surface, on the side of the viewer, is turned, with a head
             toward, reach, rim = view.axes[2], float(np.linalg.norm(phi)), 1.03 * radius
@@ -377,7 +371,7 @@ def _draw_spheres(
             painter.add_line(arc, VERMILION, 1.1, nearness=near)
             tangent = -np.sin(end) * front + np.cos(end) * side
             painter.add_arrow(arc[-1] - 0.4 * head * tangent, head * tangent, VERMILION, 0.25 * head, nearness=near)
-    painter.draw(ax, "spheres", fade=_FADE)
+    painter.draw(ax, "spheres", fade=0.55)
     low, high = painter.extent
     hide_axes(ax, low - 0.05, high + 0.05)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import Any, Literal
 
 from granphon.figures.scales import MOTION, add_bar, add_legend, draw_balls, styled_figure
 
@@ -16,21 +16,11 @@ from granphon.base.errors import InputError, brief
 from granphon.base.scales import HertzPrefix, prefixed
 from granphon.figures.style import BLUE, COLOURS, PAGE_WIDTH, pick_evenly, print_hertz
 from granphon.figures.waves import choose_states
+from granphon.runs.dataset import Dataset
 from granphon.waves.motion import Motion
-
-if TYPE_CHECKING:
-    from granphon.runs.dataset import Dataset
 
 Array = NDArray[np.float64]
 Show = Literal["velocities", "forces"]
-#: energies of a motion, with their names
-_ENERGIES = {"translation": "translation", "rotation": "rotation", "stored": "contacts", "lost": "lost"}
-#: part of a radius by which places of one layer may differ
-_LEVEL = 0.1
-#: snapshots of a figure
-_SHOTS = 3
-#: part of the greatest speed of all balls and times that the darkest colour of a snapshot stands for
-_DARKEST = 0.5
 #: part of the greatest amplitude of a spectrum at which its axis ends
 _LEAST = 1e-6
 #: number of radii whose length has the unit of places
@@ -57,7 +47,7 @@ def plot_motion(motion: Motion, ax: Axes, *, show: Show = "velocities", axis: in
         places, values = places[balls], values[:, balls]
     order = np.argsort(places, kind="stable")
     radius = float(np.mean(network.radii[np.isfinite(network.radii)]))
-    starts = np.flatnonzero(np.diff(places[order], prepend=-np.inf) > _LEVEL * radius)
+    starts = np.flatnonzero(np.diff(places[order], prepend=-np.inf) > 0.1 * radius)
     if len(starts) < 3 or 2 * len(starts) < np.ptp(places) / radius - 2.0:  # no layers: slices a radius wide
         whole = np.floor((places[order] - places[order[0]]) / radius)
         starts = np.flatnonzero(np.diff(whole, prepend=-1.0) > 0.0)
@@ -81,10 +71,10 @@ def plot_energies(motion: Motion, ax: Axes) -> Axes:
     """Draw kinetic energies of translation and rotation, the energy of contacts, and what is lost, over time."""
     scale, unit = prefixed(max(float((motion.energy + motion.lost).max()), 1e-300), "J")
     seconds, time = prefixed(float(motion.times[-1]), "s")
-    for (name, label), colour in zip(_ENERGIES.items(), COLOURS, strict=False):
-        values = getattr(motion, name)
+    for name, colour in zip(("translation", "rotation", "stored", "lost"), (*COLOURS[:3], "0.4"), strict=True):
+        values, label = getattr(motion, name), "contacts" if name == "stored" else name
         if name in ("translation", "stored") or np.any(values > 1e-9 * scale):
-            ax.plot(motion.times / seconds, values / scale, color=colour if name != "lost" else "0.4", label=label)
+            ax.plot(motion.times / seconds, values / scale, color=colour, label=label)
     ax.set(xlabel=f"Time ({_write(time)})", ylabel=f"Energy ({_write(unit)})", ylim=(0.0, None), xlim=(0.0, None))
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, borderaxespad=0.2)
     return ax
@@ -97,14 +87,19 @@ def plot_snapshot(motion: Motion, ax: Axes, frame: int = -1, *, most: float | No
     """
     if not -len(motion.times) <= frame < len(motion.times):
         raise InputError(f"the motion has no frame {frame}", mend=f"Give 0 to {len(motion.times) - 1}")
-    speeds = np.linalg.norm(motion.velocities[frame], axis=1)
-    most = max(float(speeds.max()) if most is None else most, 1e-300)
-    scale, unit = prefixed(most, "m/s")
-    drawn = draw_balls(motion.network, speeds / scale, ax, "magma_r", Normalize(0.0, most / scale))
-    add_bar(ax, drawn, f"Speed ({_write(unit)})")
-    seconds, time = prefixed(float(motion.times[-1]), "s")
-    ax.set_title(f"{motion.times[frame] / seconds:.3g} {_write(time)}")
+    most = float(np.linalg.norm(motion.velocities[frame], axis=1).max()) if most is None else most
+    drawn, label = _draw_speeds(motion, ax, frame, max(most, 1e-300))
+    add_bar(ax, drawn, label)
     return ax
+
+
+def _draw_speeds(motion: Motion, ax: Axes, frame: int, most: float) -> tuple[Any, str]:
+    """Draw the balls at a frame; return what a bar belongs to, and its label."""
+    (scale, unit), (seconds, time) = prefixed(most, "m/s"), prefixed(float(motion.times[-1]), "s")
+    speeds = np.linalg.norm(motion.velocities[frame], axis=1) / scale
+    drawn = draw_balls(motion.network, speeds, ax, "magma_r", Normalize(0.0, most / scale))
+    ax.set_title(f"{motion.times[frame] / seconds:.3g} {_write(time)}")
+    return drawn, f"Speed ({_write(unit)})"
 
 
 def plot_ball_spectrum(motion: Motion, ax: Axes, ball: int, *, axis: int = 0) -> Axes:
@@ -153,17 +148,14 @@ def motion_figure(motion: Motion, *, show: Show | None = None, axis: int | None 
             plot_energies(motion, right)
         return figure
     speeds = np.linalg.norm(motion.velocities, axis=2).max(axis=1)
-    frames = pick_evenly(len(motion.times), _SHOTS + 1)[1:]
-    most = max(_DARKEST * float(speeds[frames].max()), 1e-300)
+    frames = pick_evenly(len(motion.times), 4)[1:]
+    most = max(0.5 * float(speeds[frames].max()), 1e-300)  # faster balls have the darkest colour too
     with styled_figure(2.3, PAGE_WIDTH) as figure:
         *shots, last = figure.subplots(1, len(frames) + 1, width_ratios=[1.0] * len(frames) + [1.25])
-        scale, unit = prefixed(most, "m/s")
         for ax, frame in zip(shots, frames, strict=True):
-            balls = np.linalg.norm(motion.velocities[frame], axis=1) / scale
-            drawn = draw_balls(motion.network, balls, ax, "magma_r", Normalize(0.0, most / scale))
-            seconds, time = prefixed(float(motion.times[-1]), "s")
-            ax.set(title=f"{motion.times[frame] / seconds:.3g} {_write(time)}", ylabel="y (mm)" if ax is shots[0] else "")
-        figure.colorbar(drawn, ax=shots, location="bottom", aspect=50, extend="max", label=f"Speed ({_write(unit)})")
+            drawn, label = _draw_speeds(motion, ax, frame, most)
+            ax.set_ylabel("y (mm)" if ax is shots[0] else "")
+        figure.colorbar(drawn, ax=shots, location="bottom", aspect=50, extend="max", label=label)
         plot_energies(motion, last)
     return figure
 

@@ -23,14 +23,14 @@ _PICTURES: dict[str, tuple[str, str, str, float]] = {
     "granphon.Bands": ("bands", "bands_figure", "bands", 0.0),
     "granphon.DensityOfStates": ("bands", "bands_figure", "dos", 0.0),
     "granphon.WidthFit": ("curves", "fit_figure", "fit", 0.0),
-    "granphon.DampingFit": ("transfer", "transfer_fit_figure", "fit", 0.0),
+    "granphon.DampingFit": ("responses", "transfer_fit_figure", "fit", 0.0),
     "granphon.TradeOff": ("work_precision", "tradeoff_figure", "result", 0.0),
     "granphon.PathSpectra": ("waves", "spectrum_figure", "spectra", 0.0),
     "granphon.SpectralFunction": ("waves", "plot_lines", "spectrum", 2.6),
     "granphon.SpectralDensity": ("waves", "plot_sample_dos", "dos", 2.4),
     "granphon.SurfaceSpectrum": ("waves", "plot_surface", "spectrum", 3.1),
-    "granphon.Transmission": ("transmission", "plot_transmission", "result", 2.3),
-    "granphon.ComplexBands": ("transmission", "complex_bands_figure", "bands", 0.0),
+    "granphon.Transmission": ("responses", "plot_transmission", "result", 2.3),
+    "granphon.ComplexBands": ("responses", "complex_bands_figure", "bands", 0.0),
     "granphon.Motion": ("motions", "motion_figure", "motion", 0.0),
     "granphon.Response": ("responses", "response_figure", "response", 0.0),
     "granphon.Pulse": ("waves", "pulse_figure", "pulse", 0.0),
@@ -39,20 +39,10 @@ _PICTURES: dict[str, tuple[str, str, str, float]] = {
     "granphon.SimulatedState": ("forces", "forces_figure", "state", 0.0),
     "xarray.Dataset": ("curves", "sweep_figure", "dataset", 0.0),
 }
-#: the same for what is found of the network of each state of a data set, by the block of the scene; and a variable by which
-#: it is known
+#: the same for what is found of the network of each state of a data set, by the block of the scene
 _OF_STATES = {
     "response": ("responses", "responses_figure", "dataset", 0.0), "motion": ("motions", "motions_figure", "dataset", 0.0),
 }  # fmt: skip
-_MARKS = {"response": "response_phase", "motion": "motion_force"}
-#: number of balls up to which so many cells of a network are drawn along each of one, two and three periods
-_FEW_BALLS, _CELLS = 8, (8, 4, 2)
-#: what these are called in messages
-_WORDS = (
-    "bands (complex ones too), a transmission, a density of states, a sweep, a fit, a trade-off, spectra (of an edge too), a"
-    " pulse, a response, a motion, modes, a state, a sample, a network, or the result of a run of a scene with bands, a"
-    " density of states or a sweep"
-)
 
 
 def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
@@ -96,12 +86,18 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
         elif dataset is not result and getattr(getattr(result, "waves", None), "motion", None) is not None:
             known, given = _PICTURES["granphon.Motion"], {"motion": result.waves.motion}
         elif dataset["valid"].size == 1:  # of one state there is nothing to draw over the load
-            known = next((one for name, one in _OF_STATES.items() if _MARKS[name] in dataset), known)
+            marks = {"response_phase": "response", "motion_force": "motion"}
+            known = next((_OF_STATES[block] for mark, block in marks.items() if mark in dataset), known)
     if known is None:
         known, given = _PICTURES["granphon.ContactNetwork"], _find_network(result)
     if not given or (kinds[0] == "xarray.Dataset" and dataset is None):
         refuse_unpressed(result)
-        raise InputError(f"{brief(result)} has no default picture", mend=f"Give {_WORDS}")
+        words = (
+            "bands (complex ones too), a transmission, a density of states, a sweep, a fit, a trade-off, spectra (of an"
+            " edge too), a pulse, a response, a motion, modes, a state, a sample, a network, or the result of a run of a"
+            " scene with bands, a density of states or a sweep"
+        )
+        raise InputError(f"{brief(result)} has no default picture", mend=f"Give {words}")
     draw: Callable[..., Any] = getattr(import_module(f"granphon.figures.{known[0]}"), known[1])
     _require_options(draw, known[1], given | {"ax": None}, options)
     if known[3]:
@@ -127,8 +123,8 @@ def _find_network(result: Any) -> dict[str, Any]:
     if not isinstance(network, ContactNetwork):
         return {}
     periods = sum(network.pbc)
-    few = periods > 0 and network.n_balls <= _FEW_BALLS
-    return {"sample": network.repeat((_CELLS[periods - 1],) * periods) if few else network}
+    few = periods > 0 and network.n_balls <= 8  # of which some cells are drawn
+    return {"sample": network.repeat(((8, 4, 2)[periods - 1],) * periods) if few else network}
 
 
 def _show(figure: Any) -> Figure:

@@ -1,10 +1,13 @@
-"""Figures of responses in frequency: magnitude in dB and phase, one above the other, and maps over the load."""
+"""Figures over the frequency: responses, in dB, with their phase and over the load; fits to transfer functions; what passes.
+
+What passes is told by complex bands, and by what passes a strip between crystals.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from granphon.figures.scales import SPECTRUM, add_bar, add_legend, scale_axis, styled_figure
 
@@ -14,24 +17,25 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from granphon.base.errors import InputError
 from granphon.base.scales import HertzPrefix
-from granphon.figures.curves import describe_lines, find_load
-from granphon.figures.style import COLOURS, GUIDE, pick_evenly, print_hertz
+from granphon.figures.curves import describe_lines
+from granphon.figures.style import BLUE, COLOURS, GUIDE, VERMILION, pick_evenly, print_hertz
 from granphon.figures.waves import choose_states
 from granphon.figures.words import find_differing
+from granphon.fits.transfer import DampingFit
 from granphon.observables.catalogue import CATALOGUE, axis_label
-from granphon.waves.response import Response
+from granphon.phonons.complex_bands import ComplexBands
+from granphon.runs.dataset import Dataset, find_load
+from granphon.waves.response import QUANTITIES, Response
 from granphon.waves.settings import RESPONSES
-
-if TYPE_CHECKING:
-    from granphon.runs.dataset import Dataset
-
+from granphon.waves.transmission import Transmission
 
 Array = NDArray[np.float64]
 #: number of receivers up to which each has a colour and an entry of the legend
 _FEW = len(COLOURS)
-#: number of loads from which on responses are drawn as maps, greatest number of maps or of places, and their depth, dB
-_LOADS, _PANELS, _DEPTH = 6, 4, 80.0
+#: greatest number of maps or of places
+_PANELS = 4
 
 
 def _label_decibels(name: str) -> str:
@@ -93,7 +97,7 @@ def responses_figure(dataset: Dataset) -> Figure:
     """
     name = next((one for one in RESPONSES.values() if one in dataset), "receptance")
     states, handles = choose_states(dataset, name, "responses")
-    if dataset.sizes["load"] >= _LOADS:
+    if dataset.sizes["load"] >= 6:
         return _map_figure(dataset, name)
     places, f = dataset["receiver"].values.astype(str).tolist(), dataset["response_frequency"].values
     chosen = pick_evenly(len(places), _FEW if len(states) == 1 else _PANELS)
@@ -143,7 +147,7 @@ def _map_figure(dataset: Dataset, name: str) -> Figure:
             most = float(np.nanmax(shown))
             mesh = ax.pcolormesh(
                 x, y, shown.T, shading="nearest", cmap=SPECTRUM, rasterized=True,
-                vmin=max(most - _DEPTH, float(np.nanmin(shown))), vmax=most,
+                vmin=max(most - 80.0, float(np.nanmin(shown))), vmax=most,  # 80 dB
             )  # fmt: skip
             add_bar(ax, mesh, _label_decibels(name))
             ax.set(ylabel=f"Frequency ({print_hertz(prefix)})", ylim=(y[0], y[-1]))
@@ -155,3 +159,67 @@ def _map_figure(dataset: Dataset, name: str) -> Figure:
         if len(chosen) < len(panels):
             axes[-1].set_title(f"{len(chosen)} of {len(panels)} maps are drawn")
     return figure
+
+
+def transfer_fit_figure(fit: DampingFit) -> Figure:
+    """Draw a figure, one column wide: data with their errors and the fit, magnitude above, phase in units of pi below."""
+    data, order = fit.measured, np.argsort(fit.measured.frequencies)
+    prefix, unit = HertzPrefix.for_top(float(np.max(data.frequencies))), QUANTITIES[fit.quantity]
+    f = data.frequencies[order] / prefix.hertz
+    points = {"fmt": "o", "color": COLOURS[1], "markersize": 2.2, "elinewidth": 0.6, "label": "data", "zorder": 1.0}
+    turns = np.unwrap(fit.phase[order])
+    with styled_figure(3.6) as figure:
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
+        above.errorbar(f, data.magnitude[order], None if data.sigma is None else data.sigma[order], **points)
+        if data.phase is not None and data.phase_sigma is not None:
+            # a phase is known but for whole turns: that nearest to the fit
+            off = np.angle(np.exp(1j * (data.phase - fit.phase)))[order]
+            below.errorbar(f, (turns + off) / math.pi, data.phase_sigma[order] / math.pi, **points)
+        for axes, values in ((above, fit.magnitude[order]), (below, turns / math.pi)):
+            axes.plot(f, values, color=COLOURS[0], linewidth=1.2, label="fit", zorder=2.0)
+        above.set(yscale="log", ylabel="Magnitude" + ("" if unit == "1" else f" ({unit})"))
+        below.set(xlabel=f"Frequency ({print_hertz(prefix)})", ylabel="Phase (π)", xlim=(f[0], f[-1]))
+        above.legend()
+    return figure
+
+
+# -- what passes at a frequency -------------------------------------------------------------------------------------
+
+
+def complex_bands_figure(bands: ComplexBands) -> Figure:
+    """Draw wave numbers over frequency: real parts of waves that run to the left, decay of all others to the right.
+
+    Shown are the waves towards higher layers, in units of pi over the height of a layer. Grey dots to the left are the real
+    parts of waves that decay.
+    """
+    unit = HertzPrefix.for_top(float(bands.frequencies.max()))
+    number = bands.forward * bands.height / math.pi
+    f = np.broadcast_to(bands.frequencies[:, None] / unit.hertz, number.shape)
+    runs = np.arange(number.shape[1]) < bands.running[:, None]
+    decays = ~runs & (number.imag < 1.5)  # larger decay from layer to layer, in pi, is not drawn
+    with styled_figure(2.8) as figure:
+        left, right = figure.subplots(1, 2, sharey=True)
+        dots = {"linestyle": "none", "marker": "o", "markersize": 1.4, "markeredgewidth": 0.0}
+        left.plot(number.real[decays], f[decays], color=GUIDE, **dots)
+        left.plot(number.real[runs], f[runs], color=BLUE, **dots)
+        right.plot(number.imag[decays], f[decays], color=VERMILION, **dots)
+        left.set(xlabel="Re $k$ ($\\pi/h$)", ylabel=f"Frequency ({print_hertz(unit)})", xlim=(-1.0, 1.0))
+        left.set_ylim(float(f.min()), float(f.max()))
+        right.set(xlabel="Im $k$ ($\\pi/h$)", xlim=(0.0, 1.5))
+    return figure
+
+
+def plot_transmission(result: Transmission, ax: Axes) -> Axes:
+    """Draw the parts of the energy that pass, and that are sent back, over frequency; where no wave runs in, nothing."""
+    if len(result.frequencies) < 2:
+        raise InputError("a curve needs several frequencies", mend="Give more of them")
+    unit, runs = HertzPrefix.for_top(float(result.frequencies.max())), result.modes[:, 0] > 0
+    f = result.frequencies / unit.hertz
+    for values, colour, style, label in (
+        (result.transmitted, BLUE, "-", "transmitted"), (result.reflected, VERMILION, "--", "reflected"),
+    ):  # fmt: skip
+        ax.plot(f, np.where(runs, values, np.nan), style, color=colour, linewidth=1.0, label=label)
+    ax.set(xlabel=f"Frequency ({print_hertz(unit)})", ylabel="Part of the energy", ylim=(-0.02, 1.02))
+    ax.set_xlim(float(f[0]), float(f[-1]))
+    ax.legend(loc="center right")
+    return ax

@@ -93,18 +93,8 @@ MOTION = matplotlib.colormaps["RdBu_r"]
 POLARISATION = LinearSegmentedColormap.from_list("polarisation", [TRANSVERSE_COLOUR, LONGITUDINAL_COLOUR])
 #: least and largest value of a logarithmic axis; the squares of what is farther from one are beyond floating point
 _LEAST, _LARGEST = 1e-150, 1e150
-#: relative distance below which values of a logarithmic axis are one, and the part of it that is then shown each way
-_ROUNDING, _AROUND = 1e-9, 0.05
-#: units that take prefixes on an axis, where the largest value is not between these two numbers
-_PREFIXED, _SMALL, _LARGE = ("m", "N", "N/m", "Pa"), 1e-2, 1e5
-
-#: texts that figures hold: letters outside ASCII, and formulas
-_SAMPLES = {"Gamma": "Γ", "mu and plus-minus": "µ ±", "mathtext": r"$\mathrm{\Gamma}_{1}\ \omega/2\pi$"}
-#: pixels of a screen for an inch of a figure in a notebook; the picture itself has the resolution of the figure
-_SCREEN = 120
-#: most letters that the labels of a legend have in so many columns, and height of one of its rows, in inches
-_COLUMNS = {3: 9, 2: 24}
-_ROW_HEIGHT = 0.16
+#: height of a row of a legend, in inches
+ROW_HEIGHT = 0.16
 
 
 def scale_axis(ax: Axes, which: str, values: Array, plain: float = 1e3) -> None:
@@ -136,9 +126,9 @@ def widen_axis(ax: Axes, which: str, values: Array) -> None:
     On an axis from rounding to rounding ticks and frame would land anywhere.
     """
     least, most = float(values.min()), float(values.max())
-    if most < least * (1.0 + _ROUNDING):
+    if most < least * (1.0 + 1e-9):
         low, high = getattr(ax, f"{which}axis").get_view_interval()
-        ax.set(**{f"{which}lim": (min(low, least * (1.0 - _AROUND)), max(high, most * (1.0 + _AROUND)))})
+        ax.set(**{f"{which}lim": (min(low, 0.95 * least), max(high, 1.05 * most))})
 
 
 def name_axis(axis: Axis, most: float, label: str, unit: str, *, short: bool = False, more: str = "") -> None:
@@ -147,7 +137,8 @@ def name_axis(axis: Axis, most: float, label: str, unit: str, *, short: bool = F
     ``most`` is the largest number, in the SI ``unit``; with ``short`` the unit has a prefix wherever that is shorter.
     ``more`` follows the unit. The data of the axis stay in SI: only what is written at the ticks is divided.
     """
-    size, name = prefixed(most, unit) if unit in _PREFIXED and (short or not _SMALL <= most < _LARGE) else (1.0, unit)
+    divided = unit in ("m", "N", "N/m", "Pa") and (short or not 1e-2 <= most < 1e5)
+    size, name = prefixed(most, unit) if divided else (1.0, unit)
     name = name.replace("u", "µ")
     axis.set_label_text((label if name in ("", "1") else f"{label} ({name})") + more)
     if size == 1.0 and not short:
@@ -164,7 +155,8 @@ class Picture(Figure):
     def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
         stream = BytesIO()
         self.savefig(stream, format="png")
-        width, height = (round(_SCREEN * inches) for inches in self.get_size_inches().tolist())
+        # pixels of a screen for an inch; the picture itself has the resolution of the figure
+        width, height = (round(120 * inches) for inches in self.get_size_inches().tolist())
         return stream.getvalue(), {"width": width, "height": height}
 
 
@@ -241,13 +233,14 @@ def add_legend(figure: Figure, handles: Sequence[Line2D], room: int = 0, title: 
     labels = [str(handle.get_label()) for handle in handles]
     columns = _count_columns(labels)
     rows = -(-len(handles) // columns) + sum(text.count("\n") for text in (*labels, title or ""))
-    more = max(0, rows - room) * _ROW_HEIGHT
+    more = max(0, rows - room) * ROW_HEIGHT
     figure.set_size_inches(figure.get_figwidth(), figure.get_figheight() + more)
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, title=title, **options)
 
 
 def _count_columns(labels: Sequence[str]) -> int:
-    return min(len(labels), next((n for n, letters in _COLUMNS.items() if max(map(len, labels)) <= letters), 1))
+    # three columns where labels have nine letters at most, two where they have 24
+    return min(len(labels), next((n for n, letters in {3: 9, 2: 24}.items() if max(map(len, labels)) <= letters), 1))
 
 
 def add_title(ax: Axes, title: str, kinds: Mapping[str, str]) -> None:
@@ -330,7 +323,9 @@ def describe_fonts() -> list[tuple[str, str]]:
         except (OSError, ValueError, RuntimeError) as error:
             rows.append(("font", f"none is found: {shorten_error(error)}"))
     rows += [("fonts", "; ".join({str(one.message): None for one in caught}))] * bool(caught)
-    drawn = {name: _draw_text(text) for name, text in _SAMPLES.items()}
+    # texts that figures hold: letters outside ASCII, and formulas
+    samples = {"Gamma": "Γ", "mu and plus-minus": "µ ±", "mathtext": r"$\mathrm{\Gamma}_{1}\ \omega/2\pi$"}
+    drawn = {name: _draw_text(text) for name, text in samples.items()}
     fine = [name for name, fault in drawn.items() if not fault]
     rows += [("letters drawn", ", ".join(fine))] * bool(fine)
     rows += [(name, f"not drawn: {fault}") for name, fault in drawn.items() if fault]

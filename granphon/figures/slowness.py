@@ -29,8 +29,7 @@ from granphon.figures.views import HALO, Painter, View
 from granphon.media.state import State, as_state
 
 Array = NDArray[np.float64]
-#: s/km in s/m: slowness is drawn in s/km, which is ms/m
-_UNIT = 1e-3
+#: unit in which slowness is drawn, which is ms/m
 _LABEL = "s/km"
 #: what the colour bar says
 _PART = "Longitudinal part of the polarisation"
@@ -38,10 +37,6 @@ _PART = "Longitudinal part of the polarisation"
 _CUT, _SURFACE = 180, 48
 #: the directions, Cartesian, that span the two cuts through a surface in space
 _CUTS = (((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), ((1.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
-#: direction from which surfaces are seen: the octant of positive x, y, z faces the viewer
-_VIEW = View(32.0, 24.0)
-#: part of the energy across the cut from which a wave counts as polarised across it
-_ACROSS = 0.5
 
 
 def _find_slowness(state: State, directions: Array) -> tuple[Array, Array, Array]:
@@ -64,7 +59,7 @@ def _find_slowness(state: State, directions: Array) -> tuple[Array, Array, Array
     if not waves:
         raise InputError("these balls move across the plane only", "Their long waves are flexural: no velocity")
     velocities, polarisations = state.polarised_waves(directions)
-    slowness, polarisations = 1.0 / (velocities[:, :waves] * _UNIT), polarisations[:, :, :waves]
+    slowness, polarisations = 1.0 / (1e-3 * velocities[:, :waves]), polarisations[:, :, :waves]
     axes = state.reference_lattice.motions.translations
     inside = [place for place, axis in enumerate(axes) if axis < periods]
     toward = directions[:, [axes[place] for place in inside]]
@@ -112,7 +107,7 @@ def plot_slowness(state: Any, ax: Axes, *, plane: ArrayLike | None = None, color
     slowness, along, across = (np.take_along_axis(values, order, 1) for values in (slowness, along, across))
     for b in range(slowness.shape[1]):
         points = slowness[:, b, None] * circle
-        dashed = across[:, b].mean() > _ACROSS
+        dashed = across[:, b].mean() > 0.5
         pieces = np.stack([points[:-1], points[1:]], axis=1)
         shades: dict[str, Any] = {"cmap": POLARISATION, "norm": Normalize(0, 1)}
         shades["array"] = 0.5 * (along[1:, b] + along[:-1, b])
@@ -168,7 +163,7 @@ def plot_slowness_surface(state: Any, ax: Axes, *, view: View | None = None, col
     if (periods := found.reference_lattice.periods) != 3:
         what = f"the {found.name} has {counted(periods, 'period')}"
         raise InputError(what, "Surfaces belong to three", "Use plot_slowness")
-    view = _VIEW if view is None else view
+    view = View(32.0, 24.0) if view is None else view  # the octant of positive x, y, z faces the viewer
     # the edges of the octant that is taken out are lines of this mesh
     polar, azimuth = np.linspace(0.0, np.pi, _SURFACE + 1), np.linspace(0.0, 2.0 * np.pi, 2 * _SURFACE + 1)
     theta, phi = np.meshgrid(polar, azimuth, indexing="ij")

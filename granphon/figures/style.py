@@ -53,13 +53,11 @@ TRANSVERSE_COLOUR = SKY_BLUE
 #: black arrows stand out on them
 KIND_COLOURS = (SKY_BLUE, ORANGE, "#1F8A63", "#F7C3DE", "#F4EFB0", "#8F55B5")
 OTHER_KINDS = "#9A9A9A"
-#: length to which messages of matplotlib are shortened, in letters
-_REASON = 300
 
 
 def shorten_error(error: Exception) -> str:
     """Return the message of an error of matplotlib, shortened and on one line."""
-    return textwrap.shorten(str(error) or type(error).__name__, _REASON, placeholder=" ...")
+    return textwrap.shorten(str(error) or type(error).__name__, 300, placeholder=" ...")
 
 
 def print_hertz(unit: HertzPrefix) -> str:

@@ -21,10 +21,8 @@ Array = NDArray[np.float64]
 _Rgba = tuple[float, float, float, float]
 #: white border of letters that stand on a drawing
 HALO = patheffects.withStroke(linewidth=1.5, foreground="white")
-#: length and half width of the head of an arrow, over the width of its shaft
-_HEAD_LENGTH, _HEAD_HALF_WIDTH = 3.6, 1.7
-#: number of discs that shade a ball
-_DISCS = 15
+#: length of the head of an arrow, over the width of its shaft
+_HEAD_LENGTH = 3.6
 
 
 @dataclass(frozen=True)
@@ -89,7 +87,7 @@ class Painter:
     def add_sphere(self, centre: Array, radius: float, color: ColorType) -> None:
         """Add a ball lit from the upper left."""
         near, middle, base = float(self.view.nearness(centre)), self.view.project(centre), np.array(to_rgba(color))
-        for part in np.linspace(0.0, 1.0, _DISCS):
+        for part in np.linspace(0.0, 1.0, 15):
             # discs that shrink towards the light, each a step brighter
             shade = base * [*[0.6 + 0.4 * np.sqrt(part)] * 3, 1.0]
             shade[:3] += (1.0 - shade[:3]) * 0.6 * part**2
@@ -107,7 +105,7 @@ class Painter:
         y = np.array([-x[1], x[0]])
         # an arrow that is seen short keeps its shape, and is drawn smaller
         head = min(_HEAD_LENGTH * width, 0.6 * length)
-        half, wing = 0.5 * head / _HEAD_LENGTH, _HEAD_HALF_WIDTH * head / _HEAD_LENGTH
+        half, wing = 0.5 * head / _HEAD_LENGTH, 1.7 * head / _HEAD_LENGTH
         neck = length - head
         along_x, along_y = [0.0, neck, neck, length, neck, neck, 0.0], [-half, -half, -wing, 0.0, wing, half, half]
         outline = tail + np.outer(along_x, x) + np.outer(along_y, y)

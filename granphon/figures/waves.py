@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from granphon.figures.scales import (
     MOTION,
@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from granphon.base.errors import InputError
 from granphon.base.scales import HertzPrefix
 from granphon.figures.bands import name_corners
-from granphon.figures.curves import describe_lines, find_load
+from granphon.figures.curves import describe_lines
 from granphon.figures.style import (
     BLUE,
     COLOURS,
@@ -46,30 +46,15 @@ from granphon.figures.style import (
 from granphon.figures.words import find_differing, write_value
 from granphon.networks.network import ContactNetwork
 from granphon.phonons.surfaces import SurfaceBranches, SurfaceSpectrum
+from granphon.runs.dataset import Dataset, find_load
 from granphon.waves.dos import SpectralDensity
 from granphon.waves.path_spectra import PathSpectra
 from granphon.waves.pulses import Pulse
 from granphon.waves.spectral_functions import SpectralFunction
 
-if TYPE_CHECKING:
-    from granphon.runs.dataset import Dataset
-
-
 Array = NDArray[np.float64]
 #: ratio of the darkest to the lightest shade of a spectral function
 _SHADES = 1e3
-#: part of the range of frequencies above the highest band that is drawn
-_ABOVE = 0.08
-#: greatest number of frequencies that are drawn; more are averaged in groups
-_MOST_ROWS = 600
-#: greatest number of states of a sweep that are drawn
-_MOST = 8
-#: part of the colour map that is used for them: its ends are too pale on paper
-_PART = (0.0, 0.85)
-#: part of the samples in which a line must be resolved, for its width to be drawn
-_RESOLVED = 0.5
-#: number of single balls whose signals a seismogram shows
-_BALLS = 6
 
 
 def plot_spectrum(spectra: PathSpectra, ax: Axes, number: int = 0, *, bands: bool = True, peaks: bool = True) -> Axes:
@@ -87,10 +72,10 @@ def plot_spectrum(spectra: PathSpectra, ax: Axes, number: int = 0, *, bands: boo
     """
     one, order = spectra.spectra[number], np.argsort(spectra.distances, kind="stable")
     unit = HertzPrefix.for_top(float(spectra.bands.max()))
-    x, top = spectra.distances[order], (1.0 + _ABOVE) * float(spectra.bands.max())
+    x, top = spectra.distances[order], 1.08 * float(spectra.bands.max())
     inside = one.frequencies <= top
     values, frequencies = one.values[order][:, inside], one.frequencies[inside]
-    group = max(1, frequencies.size // _MOST_ROWS)
+    group = max(1, frequencies.size // 600)  # more rows could not be told apart
     rows = frequencies.size // group
     values = values[:, : rows * group].reshape(len(x), rows, group).max(axis=2)
     edges_y = np.append(frequencies[: rows * group : group], frequencies[rows * group - 1]) / unit.hertz
@@ -317,7 +302,7 @@ def sweep_spectra_figure(dataset: Dataset) -> Figure:
                 peak, width, resolved, alpha = (
                     take(one, number) for one in ("line_frequency", "line_width", "line_resolved", "attenuation")
                 )
-                peak, known = peak / unit.hertz, resolved >= _RESOLVED
+                peak, known = peak / unit.hertz, resolved >= 0.5
                 style: dict[str, Any] = {"fmt": "o", "markersize": 2.4, "color": colour}
                 wide = np.where(known, 0.5 * width, 0.0) / unit.hertz
                 dots, *_ = above.errorbar(along / ends[-1], peak, wide, elinewidth=0.8, zorder=3, **style)
@@ -362,8 +347,8 @@ def choose_states(dataset: Dataset, name: str, what: str) -> tuple[list[tuple[An
         for facts, place in lines:
             parts = [size] * (len(values) > 1) + [facts[kind] for kind in kinds]
             found.append((", ".join(parts) or size, place | {"load": at}))
-    chosen = pick_evenly(len(found), _MOST)
-    shades = colormaps["viridis"](np.linspace(*_PART, len(chosen)) if len(chosen) > 1 else [0.3])
+    chosen = pick_evenly(len(found), 8)
+    shades = colormaps["viridis"](np.linspace(0.0, 0.85, len(chosen)) if len(chosen) > 1 else [0.3])  # its end is too pale
 
     def take(place: dict[str, int], variable: str, polarisation: int = 0) -> Array:
         at = place | {"polarisation": polarisation}
@@ -378,7 +363,7 @@ def choose_states(dataset: Dataset, name: str, what: str) -> tuple[list[tuple[An
     return states, handles
 
 
-def plot_seismogram(pulse: Pulse, ax: Axes, balls: int = _BALLS) -> Axes:
+def plot_seismogram(pulse: Pulse, ax: Axes, balls: int = 6) -> Axes:
     """Draw the burst that was sent, the coherent signal, and the signals of some single balls, one above the other.
 
     Means over further planes are drawn too, if the pulse has them. Each trace is over time, ms; those of balls and of means

@@ -19,24 +19,12 @@ from matplotlib.figure import Figure
 from granphon.figures.style import BLUE, GREEN, ORANGE, PURPLE, VERMILION
 from granphon.tradeoffs.measure import MeasuredPoint, TradeOff
 
-#: colour and marker of each method: told apart by every eye, and in grey by the marker
-_LOOKS = (
-    (BLUE, "o"), (VERMILION, "s"), (GREEN, "^"), (PURPLE, "D"), (ORANGE, "v"), ("#000000", "P"),
-)  # fmt: skip
 #: size of a marker, in points
 _MARKER = 4.0
-#: largest number of lines above the axes that count points which were not run by method; else their sum is told
-_MOST_LINES = 1
-#: longest line above the axes, in letters
-_MOST_LETTERS = 54
 #: limits of the axis of times if no point was run, s
 _TIMES = 1e-3, 1e1
 #: limits of the axis of relative errors if no point has an error
 _ERRORS = 1e-8, 1e0
-#: ratio of times, or of errors, from which on ticks are powers of ten: plain small numbers take much room
-_PLAIN = 100.0
-#: time of a point over that of the slowest one, from which on its label stands on the other side
-_NEAR_END = 0.3
 
 
 def plot_work_precision(result: TradeOff, ax: Axes) -> Axes:
@@ -52,7 +40,9 @@ def plot_work_precision(result: TradeOff, ax: Axes) -> Axes:
     ax.set(xscale="log", yscale="log", xlabel="Time (s)", ylabel="Relative error", title="Media")
     methods = list(dict.fromkeys(point.method for point in points))
     slowest = max((point.seconds for point in points if point.ran), default=0.0)
-    for method, (colour, marker) in zip(methods, itertools.cycle(_LOOKS), strict=False):
+    # told apart by every eye, and in grey by the marker
+    looks = zip((BLUE, VERMILION, GREEN, PURPLE, ORANGE, "#000000"), "os^DvP", strict=True)
+    for method, (colour, marker) in zip(methods, itertools.cycle(looks), strict=False):
         ran = [point for point in points if point.method == method and point.ran]
         drawn, rest = [p for p in ran if p.error > 0.0], [p for p in ran if not p.error > 0.0]
         label = method
@@ -79,8 +69,8 @@ def plot_work_precision(result: TradeOff, ax: Axes) -> Axes:
             ):
                 continue
             labelled.append(point)
-            # above a curve, which falls to the right; below it where the axes end
-            side, place = (-3.0, ("right", "top")) if point.seconds > _NEAR_END * slowest else (3.0, ("left", "bottom"))
+            # above a curve, which falls to the right; below it near where the axes end
+            side, place = (-3.0, ("right", "top")) if point.seconds > 0.3 * slowest else (3.0, ("left", "bottom"))
             ax.annotate(
                 point.knob.replace(" x ", "×"), (point.seconds, point.error), (side, side), textcoords="offset points",
                 ha=place[0], va=place[1], fontsize=7.0, color=colour,
@@ -90,7 +80,7 @@ def plot_work_precision(result: TradeOff, ax: Axes) -> Axes:
     errors = [point.error for point in ran if point.error > 0.0]
     times = [p.seconds + side * _limit_bar(p) for p in ran for side in (-1.0, 1.0)]
     for which, values in (("x", np.array(times or _TIMES)), ("y", np.array(errors or _ERRORS))):
-        scale_axis(ax, which, values, _PLAIN)
+        scale_axis(ax, which, values, 100.0)  # plain small numbers take much room
         widen_axis(ax, which, values)
     if not ran:
         ax.set_xlim(*_TIMES)
@@ -112,8 +102,8 @@ def plot_work_precision(result: TradeOff, ax: Axes) -> Axes:
     missing = {method: sum(not p.ran for p in points if p.method == method) for method in methods}
     told = ", ".join(f"{count} of {method}" for method, count in missing.items() if count)
     if told:
-        lines = textwrap.wrap(f"not run: {told}", _MOST_LETTERS)
-        if len(lines) > _MOST_LINES:
+        lines = textwrap.wrap(f"not run: {told}", 54)
+        if len(lines) > 1:
             lines = [f"not run: {sum(missing.values())} of {len(points)} points"]
         ax.set_title(ax.get_title(), pad=5.0 + 8.5 * len(lines))
         ax.annotate("\n".join(lines), (0.5, 1.0), (0.0, 3.0), "axes fraction", "offset points", ha="center", fontsize=7.0)

@@ -309,7 +309,7 @@ def find_best(problem: FitProblem) -> tuple[FitProblem, Array]:
     if effect < _NO_EFFECT:
         what = f"in the medium {model.choice.label!r} sound does not depend on the width of this spread"
         if model.packing.structure.periods == 1:
-            raise InputError(what, "On a line all contacts carry the same force", "Fit other parameters")
+            raise InputError(what, "On a line all contacts carry the same force", "Fit young_modulus without the width")
         raise InputError(what, mend="Use another medium, such as ema, and a spread that has a shape")
     squares.append(math.inf)
     low = [start for i, start in enumerate(starts, 1) if squares[i] <= min(squares[i - 1], squares[i + 1])]

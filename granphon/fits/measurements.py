@@ -128,7 +128,8 @@ class Measurements(Result):
             """Return which of these kinds of column the table has; None if it has none of them."""
             there = [kind for kind in kinds if kind in named] or [kind for kind in kinds if kind in table]
             if len(there) > 1:
-                raise InputError(f"{path} has both {' and '.join(there)}", mend=_tell_column(there[0]))
+                mend = f"Keep one of them. {_tell_column(there[0])}"
+                raise InputError(f"{path} has both {' and '.join(there)}", mend=mend)
             return there[0] if there else None
 
         quantities = {**COLUMNS, **load_quantities(periods)}

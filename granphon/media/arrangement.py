@@ -265,6 +265,17 @@ def given_balls(packing: Any) -> Balls:
     return packing if isinstance(packing, Arrangement) else given_packing(packing)
 
 
+def _mean_of(name: str, what: str) -> property:
+    """Return the property that is the mean of a field of the crystal's state over its contacts."""
+
+    def find(state: LoadedCrystal) -> Any:
+        # of a sample, whose contacts open one by one, all contacts count, as in Crystal.at_force
+        live = (state.source.normal_stiffness > 0.0) | bool(np.any(state.source.crystal.deviations))
+        return np.mean(getattr(state.source, name), axis=-1, where=live)[()]
+
+    return property(find, doc=what)
+
+
 class LoadedCrystal(NetworkStates):
     """States of a crystal as sweeps and scenes have them: with means over the contacts that carry load, of a sample all."""
 
@@ -295,35 +306,14 @@ class LoadedCrystal(NetworkStates):
         """Whether each state is within the range of its contact laws."""
         return self.source.valid
 
-    def _average(self, name: str) -> Any:
-        # of a sample, whose contacts open one by one, all contacts count, as in Crystal.at_force
-        live = (self.source.normal_stiffness > 0.0) | bool(np.any(self.source.crystal.deviations))
-        return np.mean(getattr(self.source, name), axis=-1, where=live)[()]
-
-    @property
-    def force(self) -> Any:
-        """Mean normal force, N."""
-        return self._average("normal_force")
-
-    @property
-    def overlap(self) -> Any:
-        """Mean overlap, m."""
-        return self._average("overlap")
+    force, overlap = _mean_of("normal_force", "Mean normal force, N."), _mean_of("overlap", "Mean overlap, m.")
+    normal_stiffness = _mean_of("normal_stiffness", "Mean normal stiffness, N/m.")
+    shear_stiffness = _mean_of("shear_stiffness", "Mean shear stiffness, N/m.")
 
     @property
     def relative_overlap(self) -> Any:
         """Mean overlap over the mean diameter."""
         return self.overlap / self.packing.diameter
-
-    @property
-    def normal_stiffness(self) -> Any:
-        """Mean normal stiffness, N/m."""
-        return self._average("normal_stiffness")
-
-    @property
-    def shear_stiffness(self) -> Any:
-        """Mean shear stiffness, N/m."""
-        return self._average("shear_stiffness")
 
     @property
     def contact_fraction(self) -> Any:

@@ -158,7 +158,7 @@ class Crystal(Result):
             what = f"the cell has the shape {vectors.shape}, and positions have {d} coordinates"
             raise InputError(what, mend=f"Give up to {d} vectors of {d} numbers, as rows, in m")
         if not (np.all(np.isfinite(places)) and np.all(np.isfinite(vectors))):
-            raise InputError("the cell or a position of the crystal is not finite")
+            raise InputError("the cell or a position of the crystal is not finite", mend="Give finite numbers, in m")
         given = list_balls(balls)
         if len(given) != n:
             raise InputError(f"there are {len(given)} balls and {n} positions", mend="Give one ball for each site")
@@ -290,7 +290,7 @@ class Crystal(Result):
         Balls come in the order of cells, ball by ball of each cell, with the last period fastest.
         """
         if not self.periods:
-            raise InputError(f"crystal {self.name!r} has no period along which it could be repeated")
+            raise InputError(f"crystal {self.name!r} has no period along which it could be repeated", mend="Give its cell")
         full = require("shape", lambda value: lengths(value, 1, _MOST_CELLS, self.periods), shape)
         _require_room(math.prod(full) * self.n_balls)
         table, n = self.contacts, self.n_balls
@@ -385,7 +385,7 @@ class Crystal(Result):
         kept = np.ones(self.n_balls, bool)
         kept[self._read_balls(index)] = False
         if not np.any(kept):
-            raise InputError("no ball is left")
+            raise InputError("no ball is left", mend="Remove fewer")
         place, table, origin = np.cumsum(kept) - 1, self.contacts, np.flatnonzero(kept)
         rows = np.flatnonzero(kept[table.i] & kept[table.j])
         contacts = table.take(rows, place[table.i[rows]], place[table.j[rows]], table.shift[rows])
@@ -754,13 +754,8 @@ class Crystal(Result):
         values, fields = self._read_gravity(self._read_tensor("stress", stress, 1.0), gravity, 2)
 
         def push(one: Array, field: Array | None) -> Push:
-            frame, _, _ = self._frame
-            force, pressed = self._weigh(field), np.zeros(frame.motion.shape[1])
-            force[frame.strains] += frame.work_of(one)
-            still = np.zeros(len(force), bool)
-            unit = ("", "N", "N/m", "Pa")[self.periods]
-            words = f"the stress {brief(np.round(one, 12).tolist() if np.max(np.abs(one)) > 1e-6 else one.tolist())} {unit}"
-            return Push(force, still, np.zeros(len(force)), one, pressed, words, self._tell_lift(field))
+            words = f"the stress {brief(np.round(one, 12).tolist() if np.max(np.abs(one)) > 1e-6 else one.tolist())}"
+            return self._push(f"{words} {('', 'N', 'N/m', 'Pa')[self.periods]}", field, stress=one)
 
         return self._solve_each(values, fields, push, finite_overlap, 2)
 
@@ -786,12 +781,7 @@ class Crystal(Result):
             raise InputError(what, "Nothing would be left of it", "Give a strain above -1")
 
         def push(one: Array, field: Array | None) -> Push:
-            frame, _, _ = self._frame
-            force = self._weigh(field)
-            held, given = np.zeros(len(force), bool), np.zeros(len(force))
-            held[frame.strains] = True
-            given[frame.strains] = [one[a, b] * frame.length for a, b in frame.pairs]
-            return Push(force, held, given, None, np.zeros(len(force)), f"the strain {brief(one.tolist())}")
+            return self._push(f"the strain {brief(one.tolist())}", field, strain=one)
 
         return self._solve_each(values, fields, push, finite_overlap, 2)
 
@@ -844,15 +834,6 @@ class Crystal(Result):
         each = np.broadcast_to(field, (*shape, d)).reshape(-1, d)
         return np.broadcast_to(values, shape + values.shape[len(lead) :]), [one if np.any(one) else None for one in each]
 
-    def _weigh(self, field: Array | None) -> Array:
-        """Return the forces (N,) of gravity on the unknowns of the statics."""
-        frame, place, _ = self._frame
-        out = np.zeros(frame.motion.shape[1])
-        if field is not None:
-            free = place >= 0
-            out[: frame.n_free] = (self.masses[free, None] * field).ravel()
-        return out
-
     def _tell_lift(self, field: Array | None, pressure: float = 0.0) -> tuple[str, str] | None:
         """Say, as a reason and what mends it, that gravity lifts balls off what they stand on; None if it does not."""
         if field is None:
@@ -871,30 +852,36 @@ class Crystal(Result):
                 return why, f"Turn it round, or press with more than their weight, {weight:.4g} {unit}"
         return None
 
-    def _push_hydrostatic(self, pressure: float, field: Array | None, words: str) -> Push:
+    def _push(
+        self, words: str, field: Array | None, stress: Array | None = None, strain: Array | None = None,
+        pressure: float = 0.0,
+    ) -> Push:  # fmt: skip
+        """Return the load of gravity, a ``stress`` or ``strain`` (p, p) of the periods, and a pressure on the faces."""
         frame, place, _ = self._frame
-        force = self._weigh(field)
-        pressed, held, given = np.zeros(len(force)), np.zeros(len(force), bool), np.zeros(len(force))
-        held[frame.strains] = field is not None
-        p, d = self.periods, self.dimension
-        stress = None if field is not None else -pressure * np.eye(p) * math.prod(face.thickness for face in self.faces)
+        force, pressed, given = np.zeros((3, frame.motion.shape[1]))
+        held = np.zeros(len(force), bool)
+        if field is not None:
+            force[: frame.n_free] = (self.masses[place >= 0, None] * field).ravel()
         if stress is not None:
             force[frame.strains] += frame.work_of(stress)
+        if strain is not None:
+            held[frame.strains] = True
+            given[frame.strains] = [strain[a, b] * frame.length for a, b in frame.pairs]
         for one in self._sides:
-            push: float = (
-                pressure * frame.measure * math.prod(face.thickness for face in self.faces if face.axis != one.axis)
-            )
+            push = pressure * frame.measure * math.prod(face.thickness for face in self.faces if face.axis != one.axis)
             if one.wall >= 0:
                 pressed[frame.strains.stop + one.wall] -= push
             elif one.edge == "free":
                 at = place[one.balls][place[one.balls] >= 0]
-                pressed[d * at + one.axis] -= one.sign * push / max(len(at), 1)
-        unit = ("N", "N", "N/m", "Pa")[p + len(self.faces)]
-        if field is not None:
-            words += f" {unit} with gravity"
-        else:
-            words += f" {unit}"
+                pressed[self.dimension * at + one.axis] -= one.sign * push / max(len(at), 1)
         return Push(force + pressed, held, given, stress, pressed, words, self._tell_lift(field, pressure))
+
+    def _push_hydrostatic(self, pressure: float, field: Array | None, words: str) -> Push:
+        words += f" {('N', 'N', 'N/m', 'Pa')[self.periods + len(self.faces)]}"
+        if field is not None:
+            return self._push(f"{words} with gravity", field, strain=np.zeros((self.periods,) * 2), pressure=pressure)
+        stress = -pressure * np.eye(self.periods) * math.prod(face.thickness for face in self.faces)
+        return self._push(words, None, stress, pressure=pressure)
 
     def _at_mean(self, kind: str, values: ArrayLike, gravity: ArrayLike | None, finite_overlap: bool | None) -> CrystalState:
         """Return the state at which contacts have a mean force or overlap, by a search for the pressure."""
@@ -1082,10 +1069,8 @@ class CrystalState(Result):
         where = np.arange(count).reshape(self.shape)[index]
         if not np.size(where):
             raise InputError(f"the index {brief(index)} selects none of the loads", mend="Select one or more")
-        chosen: dict[str, Any] = {}
-        for name in _PER_LOAD:
-            array = getattr(self, name)
-            chosen[name] = read_only(array.reshape(count, *array.shape[axes:])[where])
+        arrays = {name: getattr(self, name) for name in _PER_LOAD}
+        chosen: Any = {name: read_only(a.reshape(count, *a.shape[axes:])[where]) for name, a in arrays.items()}
         return replace(self, **chosen)
 
     def __repr__(self) -> str:
@@ -1302,7 +1287,8 @@ def _read_law(law: Any) -> Any:
         return Hertz() if law is None else find_law(law)
     for key in law:
         if not (isinstance(key, tuple) and len(key) == 2 and all(isinstance(one, str) for one in key)):
-            raise InputError(f"law has the key {brief(key)}", mend='Give pairs of names, as ("A", "B")')
+            mend = 'Give a law itself, or one for each pair of names, as ("A", "B")'
+            raise InputError(f"law has the key {brief(key)}", mend=mend)
         if key[::-1] in law and law[key] != law[key[::-1]]:
             raise InputError(f"law has two laws for contacts of {key}", mend="Give one, in either order")
     return tuple((pair, find_law(one)) for pair, one in law.items())

@@ -89,6 +89,19 @@ _MOST_STIFF, _MOST_FORCES = 1e10, 1e6
 _MOST_EXPLAINED = 20_000
 
 
+def _of_each(name: str, what: str) -> Callable[[Springs, Array], Array]:
+    """Return the method that finds a quantity of all contacts, each by its law."""
+
+    def find(springs: Springs, values: Array) -> Array:
+        out = np.empty(springs.count)
+        for law, contacts in springs.groups:
+            out[contacts] = getattr(law, name)(values[contacts])
+        return out
+
+    find.__doc__ = what
+    return find
+
+
 class Springs:
     """The laws of all contacts: a law for each group of them, as functions of the overlaps (n_c,)."""
 
@@ -126,31 +139,10 @@ class Springs:
         place[contacts] = np.arange(len(contacts))
         return Springs([(law, own[own >= 0]) for law, at in self.groups for own in (place[at],)], len(contacts))
 
-    def _find(self, name: str, values: Array) -> Array:
-        out = np.empty(self.count)
-        for law, contacts in self.groups:
-            out[contacts] = getattr(law, name)(values[contacts])
-        return out
-
-    def force(self, overlap: Array) -> Array:
-        """Forces, N."""
-        return self._find("force", overlap)
-
-    def stiffness(self, overlap: Array) -> Array:
-        """Stiffnesses, N/m."""
-        return self._find("stiffness", overlap)
-
-    def stiffness_slope(self, overlap: Array) -> Array:
-        """Slopes of the stiffnesses, N/m^2."""
-        return self._find("stiffness_slope", overlap)
-
-    def energy(self, overlap: Array) -> Array:
-        """Energies, J."""
-        return self._find("energy", overlap)
-
-    def overlap(self, force: Array) -> Array:
-        """Overlaps at forces that contacts can bear, m."""
-        return self._find("overlap", force)
+    force, stiffness = _of_each("force", "Forces, N."), _of_each("stiffness", "Stiffnesses, N/m.")
+    stiffness_slope = _of_each("stiffness_slope", "Slopes of the stiffnesses, N/m^2.")
+    energy = _of_each("energy", "Energies, J.")
+    overlap = _of_each("overlap", "Overlaps at forces that contacts can bear, m.")
 
 
 @dataclass(frozen=True)
@@ -504,20 +496,9 @@ class _System:
     def _find_blocks(self, stiffness: Array, n: int) -> Array:
         """Return the inverse blocks (balls, d, d) of the ``n`` displacements."""
         d = self.frame.dimension
-        coo = self.press[:, :n].tocoo()
-        ball, axis = np.divmod(coo.col, d)
-        blocks = np.zeros((n // d, d, d))
-        # the entries of a contact at a ball are its normal: -n or n
-        key = coo.row * np.int64(n // d) + ball
-        order = np.argsort(key, kind="stable")
-        full = np.zeros((len(np.unique(key)), d))
-        _, slot = np.unique(key, return_inverse=True)
-        full[slot, axis] = coo.data
-        first = order[np.searchsorted(key[order], np.unique(key))]
-        weight, owner = stiffness[coo.row[first]], ball[first]
-        for a in range(d):
-            for b in range(d):
-                blocks[:, a, b] = np.bincount(owner, weight * full[:, a] * full[:, b], n // d)
+        columns = [self.press[:, a:n:d] for a in range(d)]
+        blocks = np.array([[one.multiply(other).T @ stiffness for other in columns] for one in columns])
+        blocks = np.moveaxis(blocks, 2, 0)
         mean = float(np.mean(np.trace(blocks, axis1=1, axis2=2)))
         return np.asarray(np.linalg.inv(blocks + 1e-6 * mean * np.eye(d)), float)
 

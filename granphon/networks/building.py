@@ -145,7 +145,7 @@ class Source:
             far = ~np.all(np.abs(contacts.shift) <= MOST_STEPS, axis=1)
             contacts.refuse(far, f"has a shift of more than {MOST_STEPS} cells")
         if not np.all(np.abs(self.cell) < LARGEST):
-            raise InputError(f"the cell is {self.cell.tolist()} m")
+            raise InputError(f"the cell is {self.cell.tolist()} m", mend="Give vectors in m")
         width, positions = balls.positions.shape[1], np.zeros((len(balls.positions), 3))
         positions[:, :width] = balls.positions
         if dimension is None:
@@ -166,7 +166,7 @@ class Source:
         order = np.argsort(labels, kind="stable")
         if np.any(np.diff(labels[order]) == 0):
             twice = labels[order][:-1][np.diff(labels[order]) == 0][0]
-            raise InputError(f"{balls.name} has two balls with the id {twice}")
+            raise InputError(f"{balls.name} has two balls with the id {twice}", mend="Give each an id of its own")
         ends, ids = [], counted(count, "ball has an id", "balls have ids")
         for wanted in (contacts.i, contacts.j):
             place = np.minimum(np.searchsorted(labels[order], wanted), max(count - 1, 0))
@@ -184,7 +184,8 @@ class Source:
         if shift is None:
             shift = np.zeros((len(i), 3), np.intp)
             if np.linalg.matrix_rank(periods) < axes.size:
-                raise InputError("the periodic vectors of the cell are not independent of each other")
+                mend = "Give other vectors, or name fewer as periodic"
+                raise InputError("the periodic vectors of the cell are not independent of each other", mend=mend)
             across = np.linalg.pinv(periods)
             if contacts.vector is not None:
                 shift[:, axes] = _round_steps((contacts.vector - apart) @ across)

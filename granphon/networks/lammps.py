@@ -73,14 +73,16 @@ def read_dumps(
     # length, mass and force that are one in the files
     told = {frame.units for frame in (atoms, touching) if frame.units}
     if len(told) > 1:
-        raise InputError(f"{atoms.name} is in units {atoms.units}, and {touching.name} in others")
+        mend = "Write both with the same units"
+        raise InputError(f"{atoms.name} is in units {atoms.units}, and {touching.name} in others", mend=mend)
     if isinstance(units, Units):
         style, (length, mass, force) = "lj", (units.length, units.mass, units.force)
     else:
         style = require("units", lambda value: choice(value, [*_STYLES]), units or next(iter(told), "si"))
         length, mass, force = _STYLES[style]
     if told and told != {style}:
-        raise InputError(f"{atoms.name} says that its units are {told.pop()}, and units={style!r} is given")
+        mend = "Leave units out"
+        raise InputError(f"{atoms.name} says that its units are {told.pop()}, and units={style!r} is given", mend=mend)
     if columns is not None:
         listed: object = columns.split() if isinstance(columns, str) else columns
         touching_names = tuple(listed) if isinstance(listed, Sequence) else ()

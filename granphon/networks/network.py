@@ -172,21 +172,24 @@ class ContactNetwork(Result):
             what = f"a network in {self.dimension} dimensions has no motions {brief(self.motions)}"
             raise InputError(what, mend="Use " + ", ".join(motions))
         if not self.n_balls:
-            raise InputError("the network has no ball")
+            raise InputError("the network has no ball", mend="Give one or more")
         # periodic vectors of the cell are finite, lie in the line or plane of the balls, and are independent
         for axis in np.flatnonzero(self.pbc):
             vector = self.cell[axis]
             if not (np.all(np.abs(vector) < LARGEST) and np.any(vector)):
-                raise InputError(f"vector {axis} of the cell is {vector.tolist()} m, and periodic")
+                mend = "Give a vector of finite length, or let pbc be false there"
+                raise InputError(f"vector {axis} of the cell is {vector.tolist()} m, and periodic", mend=mend)
             if axis >= self.dimension or np.any(vector[self.dimension :]):
                 where = "the line" if self.dimension == 1 else "the plane"
                 what = f"vector {axis} of the cell, {vector.tolist()} m, leaves {where} of a network in"
-                raise InputError(f"{what} {self.dimension} dimensions, and is periodic")
+                mend = "Let it lie there, or let pbc be false"
+                raise InputError(f"{what} {self.dimension} dimensions, and is periodic", mend=mend)
         if np.count_nonzero(self.pbc) > 1:
             periods = self.cell[list(self.pbc)]
             size = np.linalg.norm(periods, axis=1, keepdims=True)
             if np.prod(np.linalg.svd(periods / size, compute_uv=False)) < _FLAT:
-                raise InputError("the periodic vectors of the cell are not independent of each other")
+                mend = "Give other vectors, or let pbc be false"
+                raise InputError("the periodic vectors of the cell are not independent of each other", mend=mend)
         # every ball and contact: the message names the first that is wrong, and how many are
         for name, fine, wrong, mend in _list_demands(self):
             if not np.all(fine):
@@ -201,12 +204,12 @@ class ContactNetwork(Result):
             _check_once(self)
         # names are unique, and an array has the balls of all of its cells
         if self.labels is not None and np.unique(self.labels).size != self.n_balls:
-            raise InputError("two balls of the network have the same label")
+            raise InputError("two balls of the network have the same label", mend="Give each a label of its own")
         if self.lattice is not None and self.shape is not None:
             balls = self.lattice.n_balls * int(np.prod(self.shape, dtype=float))
             if len(self.shape) != self.lattice.periods or balls != self.n_balls:
                 what = f"{self.shape} cells of the {self.lattice.name} lattice have {balls} balls"
-                raise InputError(f"{what}, and the network has {self.n_balls}")
+                raise InputError(f"{what}, and the network has {self.n_balls}", mend="Mend the shape")
 
     # -- what it is -------------------------------------------------------------------------------------------------
 
@@ -392,7 +395,7 @@ class ContactNetwork(Result):
         """
         axes = [axis for axis in range(3) if self.pbc[axis]]
         if not axes:
-            raise InputError("this network has no period along which it could be repeated")
+            raise InputError("this network has no period along which it could be repeated", mend="Give its cell and pbc")
         shape = require("shape", partial(lengths, low=1, high=MOST_CELLS, periods=len(axes)), shape)
         full = np.ones(3, int)
         full[axes] = shape
@@ -508,15 +511,12 @@ class ContactNetwork(Result):
         size, held = int(np.count_nonzero(~still)), bool(np.any(still))
         name, rings = np.where(still, size, np.cumsum(~still) - 1), np.eye(p, dtype=np.intp)[: p * held]
         one, other = (np.append(name[end], np.full(len(rings), size)) for end in (i, j))
+        loose = self.rattlers.size
         require_joined(
-            one,
-            other,
-            np.concatenate([inner[:, :p], rings]),
-            size + held,
-            p,
-            "the cut network",
-            mend="Give more layers",
-        )
+            one, other, np.concatenate([inner[:, :p], rings]), size + held, p, "the cut network",
+            f"Of its balls {loose} in each cell carry no load and hang on nothing" if loose else "",
+            "Leave them out: network.without_rattlers()" if loose else "Give more layers",
+        )  # fmt: skip
         cell = np.zeros((3, 3))
         cell[:p, :d] = cut.cell
         floors = (RIGID_PLANE.name,) * (len(still) - count * self.n_balls)

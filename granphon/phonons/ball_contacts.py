@@ -97,7 +97,8 @@ class BallContacts(Calculator):  # type: ignore[misc]
             radii = np.array([own[kind] for kind in kinds])
         radii = np.asarray(radii, float).reshape(len(kinds))
         if not (np.all(np.isfinite(atoms.positions)) and np.all(np.isfinite(radii)) and np.all(radii > 0.0)):
-            raise InputError("the Atoms have a place that is not finite, or a radius that is not above zero")
+            mend = "Mend their positions, or the array radius"
+            raise InputError("the Atoms have a place that is not finite, or a radius that is not above zero", mend=mend)
         return kinds, radii
 
     def _find_law(self, kind: str, radius: float, other: str, wide: float) -> tuple[PairLaw, float]:

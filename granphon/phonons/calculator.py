@@ -192,7 +192,8 @@ class HarmonicContacts(Calculator):  # type: ignore[misc]
             stress /= abs(np.linalg.det(balls.cell.array[:p, :p]))
             self.results["stress"] = (0.5 * (stress + stress.T))[_STRESS_ORDER]
         elif "stress" in properties:
-            raise InputError("a network that bodies without motion hold has no stress of its own")
+            mend = "Ask for energy or forces"
+            raise InputError("a network that bodies without motion hold has no stress of its own", mend=mend)
 
     def get_torques(self, atoms: Atoms) -> Array:
         """Return the torque on each ball, -dE/dphi, in units of k d^2: (N, 3)."""
@@ -281,7 +282,8 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
     def set(self, **unknown: Any) -> dict[str, Any]:
         """Raise InputError for any parameter: all that this calculator needs is in its state."""
         if unknown:
-            raise InputError(f"HertzMindlin has no keyword {', '.join(map(repr, unknown))}")
+            mend = "Make another one of another state"
+            raise InputError(f"HertzMindlin has no keyword {', '.join(map(repr, unknown))}", mend=mend)
         return {}
 
     # -- ASE's protocol ---------------------------------------------------------------------------------------------

@@ -137,7 +137,8 @@ def interpolate_path(
             except InputError:  # the path may be a list of arrays of different lengths
                 corners = [real_array("path", piece) for piece in given]
         except TypeError:
-            raise InputError(f"a path is letters or numbers, not {brief(given)}") from None
+            mend = "Give letters such as 'GKMG', or corners in fractions of the reciprocal cell"
+            raise InputError(f"a path is letters or numbers, not {brief(given)}", mend=mend) from None
         if corners and corners[0].ndim == 3:
             corners = list(corners[0])
         if not corners:
@@ -152,16 +153,17 @@ def interpolate_path(
         said = list(labels if isinstance(labels, str) else texts("labels", labels))  # of a string, each letter is a label
     corner_count = sum(map(len, pieces))
     if len(said) != corner_count:
-        raise InputError(f"{counted(len(said), 'label')} for {counted(corner_count, 'corner')} of the path")
+        mend = "Give one for each corner"
+        raise InputError(f"{counted(len(said), 'label')} for {counted(corner_count, 'corner')} of the path", mend=mend)
     segments: list[Array] = []
     ticks: list[str] = []
     for piece in pieces:
         name, said = said[: len(piece)], said[len(piece) :]
         if len(piece) < 2:
-            raise InputError("a path needs at least two corners")
+            raise InputError("a path needs at least two corners", mend="Name another point")
         check_inside(piece, periods, "the path")
         if np.any(np.all(np.diff(piece, axis=0) == 0.0, axis=1)):
-            raise InputError("two corners that follow each other on the path are the same point")
+            raise InputError("two corners that follow each other on the path are the same point", mend="Leave one out")
         for start, stop in itertools.pairwise(piece):
             segments.append(start + (stop - start) * np.linspace(0.0, 1.0, count)[:, None])
             segments[-1][-1] = stop

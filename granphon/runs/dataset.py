@@ -1,6 +1,9 @@
 """The data set of a sweep: its frame, which says what is computed, the results of the cases in their places, and its files.
 
 The files are netCDF for programs, which is read back, and a table for spreadsheets.
+
+A data set that granphon has made or read has an accessor: ``dataset.granphon.plot()``, ``.exponent()``, ``.fit(...)``. Units
+are the attributes ``units`` of the variables, which ``dataset.pint.quantify()`` of pint-xarray takes.
 """
 
 from __future__ import annotations
@@ -19,20 +22,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import PARAMETERS
 from granphon.base.errors import InputError, InstabilityError, MechanismError, needing
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import LIGHT_VELOCITY, LOAD_KINDS, find_load_unit
+from granphon.base.results import restore
 from granphon.base.tables import Heading, write_table
-from granphon.base.text import damage_error, digest, read_bytes, require_schema, show, versions, warn_unverified
+from granphon.base.text import closest, damage_error, digest, read_bytes, require_schema, show, versions, warn_unverified
 from granphon.dynamics.long_waves import voigt_names
 from granphon.media.arrangement import Balls
 from granphon.media.left_out import EXACT, LATTICE
 from granphon.observables.catalogue import CATALOGUE, Analysis, entry_of
-from granphon.runs.accessor import register_accessor
 from granphon.runs.execution import solve_all
 from granphon.runs.store import Store, TaskResult
 from granphon.runs.tasks import (
@@ -51,12 +54,13 @@ from granphon.runs.tasks import (
 from granphon.runs.workers import packages
 
 if TYPE_CHECKING:
+    from xarray import DataArray
     from xarray import Dataset as Dataset
+else:
+    Dataset = Any  # what only names the type does not load xarray
 
 
 Array = NDArray[Any]
-#: direction of the waves on a line, in the plane and in space, as files tell it
-_FIRST_AXES = ("(1)", "(1, 0)", "(1, 0, 0)")
 #: costs of the observables of the waves in simulated arrays, at edges, and in networks
 _OF_WAVES = ("pulse", "spectrum", "dos", "surface", "network")
 #: attribute "format" of the netCDF file, by which a sweep is recognised
@@ -69,8 +73,6 @@ _ROWS = {
 }  # fmt: skip
 #: name of the attribute with the sha256 digest of the numbers
 DIGEST = "granphon_sha256"
-#: attributes in which other programs log what they did; the digest leaves them out, as they change no number
-_HISTORY = ("history", "NCO")
 #: longest time that opening a file without a digest may take, s
 TRIAL_SECONDS = 120.0
 #: program of the process that tries to open a file without a digest, see _try_elsewhere
@@ -90,8 +92,6 @@ _TRAILER = b"\ngranphon sha256 of all bytes before: "
 _MOST_BYTES = 2_000_000_000
 #: length of that text with its digest, bytes
 _TRAILER_BYTES = len(_TRAILER) + 64
-#: variables without which a sweep is damaged
-_REQUIRED = {"force", "overlap", "valid", "medium"}
 #: variables above zero, and those that may also be zero; all are finite, but for the next two
 _ABOVE_ZERO = {
     "force", "pressure", "normal_stiffness", "effective_density", "stiffness_ratio", "longitudinal", "bulk", "shear",
@@ -205,7 +205,7 @@ def make_frame(grid: Grid) -> Dataset:
         whole = {"values": to_json(axis.values)} if axis.name in ("spread", "lattice") else {}
         labels = np.array(axis.labels)
         coordinates[axis.name] = (axis.name, labels, _list_attributes(axis.name, labels, packing) | whole)
-    along = f"{_FIRST_AXES[packing.structure.periods - 1]}, Cartesian, where velocities depend on it"
+    along = f"{('(1)', '(1, 0)', '(1, 0, 0)')[packing.structure.periods - 1]}, Cartesian, where velocities depend on it"
     if (given := asked.direction) is not None:
         many = isinstance(given[0], tuple)
         each: Any = given if many else (given,)
@@ -259,6 +259,11 @@ def find_dataset(result: Any) -> Dataset | None:
     """Return the data set of states that a result is, or has as its ``dataset``; None if there is none."""
     found = getattr(result, "dataset", result)
     return found if hasattr(found, "data_vars") and "valid" in found else None
+
+
+def find_load(dataset: Dataset) -> str:
+    """Return the name of the load that was given: a coordinate along the loads."""
+    return next((str(name) for name in LOAD_KINDS if name in dataset.coords and dataset[name].dims == ("load",)), "force")
 
 
 def list_finite_overlap(dataset: Dataset) -> list[bool]:
@@ -466,7 +471,8 @@ def _digest_numbers(dataset: Dataset) -> str:
             ordered = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
             kind, content = f"{values.dtype.kind}{values.dtype.itemsize}", hashlib.sha256(ordered.data).hexdigest()
         variables[str(name)] = [list(variable.dims), list(variable.shape), kind, content, variable.attrs]
-    attributes = {name: value for name, value in dataset.attrs.items() if name not in (DIGEST, *_HISTORY)}
+    # two are those in which other programs log what they did, which changes no number
+    attributes = {name: value for name, value in dataset.attrs.items() if name not in (DIGEST, "history", "NCO")}
     return digest({"variables": variables, "attributes": attributes})
 
 
@@ -486,7 +492,7 @@ def write_waves(dataset: Dataset, path: Path) -> None:
 
 def _write_rows(dataset: Dataset, path: Path, dims: Sequence[Any], columns: Sequence[Any]) -> None:
     """Write a row for each point of the grid of ``dims``: load, medium and parameters, then the ``columns``, all digits."""
-    load, own = next(name for name in LOAD_KINDS if name in dataset.coords), dataset["valid"].dims
+    load, own = find_load(dataset), dataset["valid"].dims
     names = [load, *own[1:], *columns]
     grid = dataset["valid"].broadcast_like(dataset[names[len(own) :]])
     headings = [Heading(str(name), dataset[name].attrs.get("units", "")) for name in names]
@@ -525,7 +531,7 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
         raise InputError(f"{path} is not a sweep", "granphon did not write it", "Give a sweep.nc")
     schema: Any = dataset.attrs.get("schema")
     require_schema(path, schema.item() if isinstance(schema, np.generic) else schema, SWEEP_SCHEMA)
-    if _REQUIRED - set(dataset.variables):
+    if {"force", "overlap", "valid", "medium"} - set(dataset.variables):  # variables without which a sweep is damaged
         raise InputError(f"{path} is damaged: a part of the sweep is missing", mend="Run the sweep again")
     told = dataset.attrs.pop(DIGEST, None)
     if told is not None and told != _digest_numbers(dataset):
@@ -600,3 +606,92 @@ def _try_elsewhere(path: str | os.PathLike[str], data: bytes) -> None:
     if done.returncode != 0 or done.stdout.strip() != b"good":
         said = done.stderr.decode("utf-8", "replace").strip().splitlines()
         raise _explain_unreadable(path, f"HDF5 fails on it: {said[-1] if done.returncode > 0 and said else 'it crashes'}")
+
+
+# -- what a data set does by itself -------------------------------------------------------------------------------------
+
+
+class SweepAccessor:
+    """What ``dataset.granphon`` is, for a ``dataset`` of :func:`~granphon.sweep` or :func:`~granphon.load_sweep`."""
+
+    def __init__(self, dataset: Dataset) -> None:
+        self._dataset = dataset
+
+    @property
+    def packing(self) -> Packing:
+        """The packing that was swept; :class:`InputError` for a data set of a crystal, or one that granphon has not made."""
+        try:
+            found: Packing = restore(json.loads(self._dataset.attrs["packing"]), Packing, "the attribute packing")
+        except (KeyError, ValueError, TypeError):
+            raise InputError(
+                "the data set holds no packing", "It is a crystal's, or was not made by granphon.sweep"
+            ) from None
+        return found
+
+    def plot(self, **options: Any) -> Any:
+        """Return the figure of the sweep; ``options`` are those of :func:`~granphon.plot`, as ``variable``."""
+        import granphon
+
+        return granphon.plot(self._dataset, **options)
+
+    def exponent(self, name: str = "longitudinal", over: str | None = None) -> DataArray:
+        """Return the local exponent of a variable over the load, d log(variable)/d log(load), of the variable's shape.
+
+        It is the slope of the parabola through each load and its neighbours, on logarithmic scales, so that its error goes
+        as the square of their distance. The variable ``exponent`` of a sweep has that of the velocities at each load alone.
+
+        Parameters
+        ----------
+        name : the variable.
+        over : another variable, as "pressure", in place of what the loads are given by.
+
+        Raises
+        ------
+        InputError : a name that the data set does not have, fewer than three loads, loads that do not ascend, or values that
+            are not above zero.
+        """
+        data = self._dataset
+        for one in (name, over or name):
+            if one not in data.variables:
+                meant = closest(one, map(str, data.variables))
+                raise InputError(f"the data set has no {one!r}", mend=f"Did you mean {meant!r}?" if meant else "")
+        values = data[name]
+        loads = data[over or find_load(data)]
+        if "load" not in values.dims or data.sizes["load"] < 3:
+            raise InputError("an exponent needs three loads or more", mend="Sweep more loads")
+        x, y = (one.transpose("load", ...).values.astype(float) for one in (loads, values))
+        if not (np.all(x > 0.0) and np.all(y[~np.isnan(y)] > 0.0) and np.all(np.diff(x, axis=0) > 0.0)):
+            raise InputError(f"{name} has no exponent here", "Loads must ascend, and values be above zero")
+        x, y = np.log(x.reshape(len(x), *(1,) * (y.ndim - 1)) if x.ndim == 1 else x + 0.0 * y), np.log(y)
+        found = values.transpose("load", ...).copy(data=_slopes(np.broadcast_to(x, y.shape), y))
+        found.attrs = {"units": "1", "long_name": f"local exponent of {values.attrs.get('long_name', name)}"}
+        return found.transpose(*values.dims).rename(f"{name}_exponent")
+
+    def fit(self, force: ArrayLike, velocity: ArrayLike, *more: Any, **options: Any) -> Any:
+        """Fit the width of the packing to measured ``velocity``, m/s (n,), over ``force``, N (n,).
+
+        ``more``, ``options`` and the result are those of :func:`~granphon.fit_width` for the packing of the data set.
+        """
+        import granphon
+
+        return granphon.fit_width(self.packing, force, velocity, *more, **options)
+
+
+def _slopes(x: Any, y: Any) -> Any:
+    """Return the slope at each point of the parabola through it and its neighbours, along the first axis."""
+    out = np.empty_like(y)
+    for at in range(len(x)):
+        first = min(max(at - 1, 0), len(x) - 3)
+        (a, b, c), (fa, fb, fc) = x[first : first + 3], y[first : first + 3]
+        ab, bc = (fb - fa) / (b - a), (fc - fb) / (c - b)
+        out[at] = ab + (bc - ab) / (c - a) * (2.0 * x[at] - a - b)
+    return out
+
+
+def register_accessor() -> None:
+    """Give data sets the accessor, once."""
+    import xarray
+
+    if getattr(xarray.Dataset, "granphon", None) is not SweepAccessor:
+        register: Any = xarray.register_dataset_accessor
+        register("granphon")(SweepAccessor)

@@ -16,7 +16,7 @@ from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future,
 from contextlib import suppress
 from itertools import chain
 from queue import Empty, SimpleQueue
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from granphon.base.errors import GranphonError, OutputError
 from granphon.base.progress import Progress, Step, silent
@@ -30,38 +30,36 @@ CALL_SECONDS = 0.1
 MOST_LOSSES = 3
 #: longest time for which a result is waited for before the executor is asked for its workers again, s
 _LOOK_SECONDS = 2.0
-#: longest time for which calls under way are waited for after an error or an interruption, s
-_PATIENCE = 0.5
 
 
-class Task(Protocol):
-    """A piece of work, in one step or more."""
+class Task:
+    """A piece of work, in one step or more.
 
-    @property
-    def name(self) -> str:
-        """Name under which the result is kept: one line, not empty; no task with another result has it."""
+    ``name`` is that under which the result is kept: one line, not empty; no task with another result has it. ``where`` names
+    the task in messages. Tasks of one ``kind`` take similar times.
+    """
 
-    @property
-    def where(self) -> str:
-        """Name of the task in messages."""
-
-    @property
-    def kind(self) -> str:
-        """Tasks of one kind take similar times."""
+    name: Any
+    where: Any
+    kind: Any
 
     @property
     def memory(self) -> float:
         """Memory that a process needs for the task, about, bytes; 0 if it is little."""
+        return 0.0
 
     @property
     def steps(self) -> int:
         """Number of steps that the task takes."""
+        return 1
 
     def done(self, part: TaskResult) -> int:
         """Return the number of steps that ``part`` contains."""
+        return 1
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
         """Do the next step after ``begun``, or the first, and return both together; after the last step, the result."""
+        raise NotImplementedError
 
 
 class Result(NamedTuple):
@@ -183,7 +181,7 @@ class _Work:
                 self._receive(future, self.running[future])
                 del self.running[future]
         finally:
-            wait(self.running, _PATIENCE)
+            wait(self.running, 0.5)  # s, after an error or an interruption
             for future, indices in self.running.items():
                 if not future.cancel() and future.done() and not future.cancelled() and future.exception() is None:
                     with suppress(OutputError):  # this may be the very error that is being raised

@@ -193,7 +193,8 @@ def average_motions(records: Sequence[Mapping[str, Array]], _: MotionSettings) -
 def write_contacts(motion: Motion, path: Path, settings: MotionSettings) -> None:
     """Write a table of the contacts: where they are, and when and how strongly they are pressed."""
     passage, network = Passage.of(motion, find_source(settings, motion.network)), motion.network
-    columns: list[tuple[str, str, Any]] = [("ball_i", "", network.i), ("ball_j", "", network.j)]
+    ends = np.concatenate([np.column_stack([network.i, network.j]), motion.met])
+    columns: list[tuple[str, str, Any]] = [("ball_i", "", ends[:, 0]), ("ball_j", "", ends[:, 1])]
     columns += [(axis, "m", one) for axis, one in zip("xyz", motion.middles.T, strict=True)]
     columns += [("distance", "m", passage.distances), ("arrival", "s", passage.arrivals), ("peak", "s", passage.peaks)]
     columns.append(("greatest_force", "N", passage.heights))

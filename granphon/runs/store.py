@@ -40,10 +40,6 @@ _IDENTITY = ""
 #: what the head of the file begins with, and its bytes from 68 and 60 on: the kind of file, and the version of its layout
 _SQLITE, _KIND, _VERSION = b"SQLite format 3\0", b"gran", b"\0\0\0\1"
 _MAKE = (f"PRAGMA application_id = {int.from_bytes(_KIND)}", f"PRAGMA user_version = {int.from_bytes(_VERSION)}", _TABLE)
-#: longest time for which results are left to the system's memory before the disk is waited for, s
-_SYNC_SECONDS = 1.0
-#: longest time for which another process that reads the file is waited for, s
-_PATIENCE = 60.0
 #: largest number of differences between two works that a message names
 _MOST_NAMED = 3
 
@@ -186,7 +182,7 @@ class Store:
         """
         base, now = self._connect(make=True), time.monotonic()
         assert base is not None
-        wait = now - self._synced > _SYNC_SECONDS
+        wait = now - self._synced > 1.0  # s, for which results are left to the system's memory
         whose = {} if self._pending is None else {_IDENTITY: _seal(_IDENTITY, self._pending.encode())}
         try:
             base.execute(f"PRAGMA synchronous = {'FULL' if wait else 'OFF'}")
@@ -233,7 +229,7 @@ class Store:
                 # without locks a reader would take the journal of a writer for that of a killed one, and undo its work
                 mode = "rw" if locks or make or self._home != (0, 0) else "ro"
                 address = f"{path.absolute().as_uri()}?mode={mode}&nolock={int(not locks)}"
-                base = sqlite3.connect(address, _PATIENCE, isolation_level=None, check_same_thread=False, uri=True)
+                base = sqlite3.connect(address, timeout=60.0, isolation_level=None, check_same_thread=False, uri=True)
                 try:
                     base.execute("PRAGMA trusted_schema = OFF")
                     # it must be empty, or have the one table that a store has, undamaged

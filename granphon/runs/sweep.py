@@ -14,7 +14,7 @@ from contextlib import nullcontext, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,12 +23,7 @@ from granphon.balls.lattices import as_direction, find_lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import Axis, find_double
-from granphon.base.errors import (
-    ConvergenceError,
-    GranphonError,
-    InputError,
-    OutputError,
-)
+from granphon.base.errors import ConvergenceError, GranphonError, InputError, OutputError
 from granphon.base.progress import Progress, silent
 from granphon.base.staging import ResultFiles, is_whole
 from granphon.base.validation import block, require, truth
@@ -36,20 +31,10 @@ from granphon.media.arrangement import Arrangement, given_balls
 from granphon.media.choice import MediumChoice, default_medium, no_simulation
 from granphon.media.crystal import Crystal
 from granphon.phonons.paths import BandPath
-from granphon.runs.dataset import SweepRun, collect_identity, file_names, load_sweep, write_sweep
+from granphon.runs.dataset import Dataset, SweepRun, collect_identity, file_names, load_sweep, write_sweep
 from granphon.runs.store import Store, open_store
-from granphon.runs.tasks import (
-    INCOMPLETE,
-    Asked,
-    Grid,
-    require_arrays,
-    to_json,
-)
+from granphon.runs.tasks import INCOMPLETE, Asked, Grid, require_arrays, to_json
 from granphon.waves.settings import PulseSettings, SpectrumSettings, WaveSettings, wave_rules
-
-if TYPE_CHECKING:
-    from xarray import Dataset
-
 
 Array = NDArray[Any]
 

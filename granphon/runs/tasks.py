@@ -47,6 +47,7 @@ from granphon.media.state import ContactState
 from granphon.observables.catalogue import Analysis, find_all, warn_of_missing_error
 from granphon.observables.velocities import warn_of_free_branches
 from granphon.phonons.paths import interpolate_path, special_points
+from granphon.runs.execution import Task
 from granphon.runs.store import TaskResult
 from granphon.runs.workers import packages
 from granphon.waves.settings import BandsSettings, SurfaceSettings, WaveSettings
@@ -69,8 +70,6 @@ _AVERAGED = (
 _WAVES = "waves."
 #: what the names of arrays of the balls begin with in the result of a task
 _BALLS = "balls."
-#: what of an equilibrium is not kept: the sample is drawn again from its seed
-_DRAWN = ("deviations", "lattice")
 #: version of the format of a sweep, attribute "schema" of its file; files of another one are refused
 SWEEP_SCHEMA = 1
 #: attribute of a data set that says why it lacks loads
@@ -295,8 +294,8 @@ def label_warnings(labelled: Iterable[tuple[str, str]]) -> list[str]:
 
 
 @dataclass(frozen=True, eq=False)
-class MediumTask:
-    """One medium on one packing at all loads that it serves; ``where`` names the task in messages."""
+class MediumTask(Task):
+    """One medium on one packing at all loads that it serves, which are solved together, in one step."""
 
     where: str
     serving: ServingMedium
@@ -354,15 +353,6 @@ class MediumTask:
         if self.asked.waves is not None:
             out = _add_waves(out, self, load, records)
         return _expand_loads(out, places, size) | _join_marks(parts, [np.arange(size)] * len(parts))
-
-    @property
-    def steps(self) -> int:
-        """Number of steps: one, as all loads are solved together."""
-        return 1
-
-    def done(self, part: TaskResult) -> int:
-        """Return the number of steps that a result contains."""
-        return 1
 
     def state(self, load: Load) -> ContactState:
         """Return the state under ``load``, all or some of the loads of the task."""
@@ -655,7 +645,8 @@ def restore_sample(simulation: DirectSimulation, part: TaskResult) -> Sample | P
 
 def _list_kept(kind: type[Equilibrium]) -> list[str]:
     """Return the names of the fields of an equilibrium that are kept."""
-    return [one.name for one in fields(kind) if one.name not in _DRAWN]
+    # the sample is drawn again from its seed
+    return [one.name for one in fields(kind) if one.name not in ("deviations", "lattice")]
 
 
 # -- paths of loads that end early -----------------------------------------------------------------------------------

@@ -39,12 +39,8 @@ from granphon.runs import MOST_WORKERS
 _STOPS = (signal.SIGINT, signal.SIGTERM)
 #: time in which a scheduler must answer, s; and the longest time that closing the connection may take
 _ANSWER_SECONDS, _CLOSING_SECONDS = 5.0, 1.0
-#: longest time in which the worker processes of a local scheduler must start, s: they take a second
-_START_SECONDS = 120.0
 #: an address: a protocol, if it is not TCP; a host; a port
 _ADDRESS = re.compile(r"(?:(?:tcp|tls|ws|wss|ucx)://)?(?:\[[0-9a-fA-F:.]+\]|[^\s/:\[\]]+):([0-9]{1,5})")
-#: options of a scheduler whose web server takes any free port of this machine alone
-_NO_DASHBOARD = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
 #: settings of dask for a local scheduler and its workers: a lost worker is told at once, and web servers have no pages
 _SETTINGS: dict[str, Any] = {
     "distributed.scheduler.allowed-failures": 0, "distributed.scheduler.http.routes": [],
@@ -251,7 +247,7 @@ def open_executor(workers: int | None = None, scheduler: str | None = None) -> I
             cluster = stack.enter_context(_start_cluster(asked))
             client = stack.enter_context(_connect(cluster.scheduler_address, "the local scheduler", cluster.security))
             try:
-                client.wait_for_workers(asked, _START_SECONDS)
+                client.wait_for_workers(asked, 120.0)  # s; they take a second
             except TimeoutError:
                 raise GranphonError("the worker processes of the local scheduler do not start") from None
         yield client.get_executor()
@@ -319,7 +315,9 @@ def _start_cluster(count: int) -> Iterator[Any]:
             with hold_back_signals():  # a signal of the terminal stops this process alone, which ends the workers
                 cluster = LocalCluster(
                     n_workers=0, threads_per_worker=1, processes=True, host="127.0.0.1", memory_limit=memory,
-                    scheduler_kwargs=_NO_DASHBOARD, silence_logs=logging.CRITICAL + 1, security=Security.temporary(),
+                    # no dashboard; and the web server takes any free port of this machine alone
+                    scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
+                    silence_logs=logging.CRITICAL + 1, security=Security.temporary(),
                 )  # fmt: skip
         except (OSError, RuntimeError) as error:
             raise GranphonError(f"the local scheduler cannot be started: {error}") from None

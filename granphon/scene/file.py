@@ -44,8 +44,8 @@ from granphon.waves.settings import (
     write_setting,
 )
 
-#: column at which the words of a key stand in a preset, and their width
-_WORDS_AT, _WORDS_WIDTH = 38, 80
+#: column at which the words of a key stand in a preset
+_WORDS_AT = 38
 #: the default of a key that has none
 NEEDED = "required"
 
@@ -104,8 +104,7 @@ def _unless_zero(kind: Kind) -> Kind:
 
 
 _OWN_MOTIONS = Kind(  # those that the lattice has by default are left out
-    PARTS["motions"].read,
-    lambda value, at: None if value == next(iter(allowed_motions(at.lattice.dimension))) else value,
+    PARTS["motions"].read, lambda value, at: None if value == next(iter(allowed_motions(at.lattice.dimension))) else value
 )
 FIELDS: tuple[Field, ...] = (
     Field("schema", "schema", Kind.plain(rules.read_schema), "version of this format", f"`{SCENE_SCHEMA}`"),
@@ -281,8 +280,6 @@ _CRYSTAL_BLOCKS = ("balls", "crystal")
 #: what a block "load" must hold, in words for messages; and that of a crystal
 _ONE_LOAD = "exactly one of force, pressure, overlap, or side_force with balls_per_side"
 _ONE_LOAD_OF_CRYSTAL = "exactly one of force, pressure, overlap, stress, strain; with gravity none of them is needed"
-#: what a preset says of whole blocks
-_BLOCK_WORDS = {"load": "one of these", "phonopy": "path and meshes; this block matters to bands, dos and spectrum only"}
 
 
 # -- writing and checking -------------------------------------------------------------------------------------------
@@ -326,11 +323,12 @@ def write_preset(name: str) -> str:
         # kinds of balls have keys of the blocks material and packing
         fields = [_BLOCKS.get(name, {}).get(found[2] if found[1] else "") for name in (block, *_NEEDED_BLOCKS[:2])]
         field = next((one for one in fields if one is not None), None)
-        words = _BLOCK_WORDS.get(line.removesuffix(":"), "") if field is None else field.words
+        drawn = "path and meshes; this block matters to bands, dos and spectrum only"
+        words = {"load:": "one of these", "phonopy:": drawn}.get(line, "") if field is None else field.words
         if words and words not in told:
             told.add(words)
             plain = re.sub(r",? see \[[^]]*\]\([^)]*\)|`|\[(?=[^]]*\]\()|(?<=\w)\]\([^)]*\)", "", words)
-            first, *others = textwrap.wrap(plain, _WORDS_WIDTH)
+            first, *others = textwrap.wrap(plain, 80)
             out[-1] = f"{line:<{_WORDS_AT}} # {first}"
             out += [f"{'':<{_WORDS_AT}} #    {one}" for one in others]
     return "\n".join(out) + "\n"
@@ -464,8 +462,6 @@ def _find_lattice(data: Any) -> Lattice:
 
 #: ordinary values of what the scales of a ball are made of, Pa, kg/m^3 and m
 _ORDINARY = {"young_modulus": 1e10, "density": 1e3, "diameter": 1e-2}
-#: what an option of a medium may be that turns out to be wrong when it is carried out
-_ALLOWED = {"start": "a load that the balls bear without friction, or gas"}
 #: the blocks of a scene file about waves, with their classes
 _WAVES = {
     "bands": BandsSettings,
@@ -530,7 +526,8 @@ class SceneSource:
                     given = show(value)
                     if isinstance(value, Mapping):
                         given = f"{{{', '.join(f'{key}: {one}' for key, one in value.items())}}}"
-                before = f"found {given}; allowed: {_ALLOWED[option]}; "
+                allowed = {"start": "a load that the balls bear without friction, or gas"}  # as it turned out
+                before = f"found {given}; allowed: {allowed[option]}; "
             placed: GranphonError = self.document.error(place, f"{before}{error}")
             if isinstance(error, ConvergenceError):  # the scene is not wrong, the computation has failed
                 placed = ConvergenceError(str(placed))

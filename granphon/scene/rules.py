@@ -79,8 +79,6 @@ DIAMETERS_FILE = "diameters.csv"
 
 #: where the balls of a lattice of one, two or three dimensions lie
 _PLACES = ("on a line", "in a plane", "in space")
-#: the block of a lattice that has no name of its own
-_OWN_LATTICE = "a block of name, cell (vectors, in spacings of touching balls) and sites (fractions)"
 
 
 @dataclass(frozen=True)
@@ -253,7 +251,8 @@ def read_lattice(value: Any) -> str | Lattice:
         given = block(value, {"name": label, "cell": rows, "sites": rows}, ("name", "cell"))
         with refusing(given["name"], "a lattice of balls that touch and do not overlap"):
             return Lattice(**given)
-    allowed = f"{', '.join(LATTICES)}, or {_OWN_LATTICE}"
+    own = "a block of name, cell (vectors, in spacings of touching balls) and sites (fractions)"
+    allowed = f"{', '.join(LATTICES)}, or {own}"
     if value == "hexagonal":
         raise Refused("'hexagonal'", allowed, "Did you mean 'triangular', with six neighbours?")
     try:
@@ -592,11 +591,7 @@ def _read_removed(value: Any) -> tuple[int, ...]:
 
 
 def _read_cut(value: Any) -> tuple[Any, int, tuple[str, str]]:
-    rules: dict[str, Rule] = {
-        "axis": read_axis,
-        "layers": partial(whole, low=1, high=1_000_000),
-        "edges": _read_edges,
-    }
+    rules: dict[str, Rule] = {"axis": read_axis, "layers": partial(whole, low=1, high=1_000_000), "edges": _read_edges}
     given = block(value, rules, ("axis", "layers"))
     return given["axis"], given["layers"], given.get("edges", ("free", "free"))
 
@@ -607,10 +602,6 @@ def _read_edges(value: Any) -> tuple[str, str]:
         raise Refused(show(value), f"one word for both faces, or two for the lower and the upper: {', '.join(EDGES)}")
     found = each(list(words), partial(choice, options=EDGES), "edges")
     return found[0], found[-1]
-
-
-def _read_cuts(value: Any) -> tuple[Any, ...]:
-    return each(value, _read_cut, "cuts") if isinstance(value, list) else (_read_cut(value),)
 
 
 def _write_cuts(cuts: Any) -> Any:
@@ -657,10 +648,6 @@ def _write_law(law: Any) -> Any:
     raise InputError(what, "A scene file has no words for it", mend)
 
 
-def _read_any_motions(value: Any) -> str:
-    return choice(value, tuple(dict.fromkeys(name for d in (1, 2, 3) for name in allowed_motions(d))))
-
-
 STRUCTURE = Kind.plain(
     _read_structure, lambda one: None if one is None else one if isinstance(one, str) else write_lattice(one)
 )
@@ -671,12 +658,12 @@ SITES = Kind.plain(
     lambda sites: [{"kind": kind, "at": [WAY.write(x) for x in place]} for place, kind in sites] or None,
 )
 REPEAT = Kind.plain(lambda value: _read_counts(value, "numbers of cells", 1_000_000), lambda one: list(one) or None)
-CUT = Kind.plain(_read_cuts, _write_cuts)
+CUT = Kind.plain(lambda one: each(one, _read_cut, "cuts") if isinstance(one, list) else (_read_cut(one),), _write_cuts)
 REPLACE = Kind.plain(_read_replaced, lambda pairs: dict(pairs) or None)
 REMOVE = Kind.plain(_read_removed, lambda one: list(one) or None)
 SEED = Kind.plain(partial(whole, low=0))
 LAW = Kind.plain(_read_law, _write_law)
-MOTIONS = Kind.plain(_read_any_motions)
+MOTIONS = Kind.plain(partial(choice, options=tuple(dict.fromkeys(one for d in (1, 2, 3) for one in allowed_motions(d)))))
 
 
 # -- loads ------------------------------------------------------------------------------------------------------------

@@ -26,12 +26,13 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, lru_cache, partial
 from itertools import compress
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
+from typing import Any, ClassVar, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import TOUCH, select_once, steps_within
+from granphon.balls.diameters import Spread
 from granphon.balls.distributions import PointShape
 from granphon.balls.hertz import EXPONENT, FREQUENCY_EXPONENT
 from granphon.balls.lattices import TRIANGULAR, Lattice
@@ -54,25 +55,15 @@ from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveM
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState, ideal_lattice
 from granphon.observables.velocities import local_exponent, sound_velocities
-from granphon.runs.execution import solve_all
+from granphon.runs.execution import Task, solve_all
 from granphon.runs.store import Store, TaskResult
 from granphon.runs.tasks import to_json
 from granphon.runs.workers import packages
 
-if TYPE_CHECKING:
-    from granphon.balls.diameters import Spread
-
-
 Array = NDArray[np.float64]
 #: quantities that are averaged, and whose errors are measured: velocities of long waves, and the scale of frequencies
 QUANTITIES = ("longitudinal", "transverse", "frequency")
-#: variance of x = Delta/W, the same for every distribution
-_VARIANCE = 1.0 / 12.0
-#: number of shells of neighbours whose pairs count as near; on every lattice they are within :data:`_REACH` spacings
-_SHELLS = 3
 _REACH = 3.0
-#: least number of samples for each coefficient of the regression; with fewer it adds more scatter than it removes
-_LEAST_SAMPLES_EACH = 6
 #: first seed of the reference's samples, far from the seeds of the points
 _REFERENCE_SEED = 1_000_000
 #: least number of samples of the reference
@@ -85,30 +76,10 @@ _REFERENCE_SIDES = {2: 64, 3: 14}
 _LOADED_SIDES = {2: 32, 3: 8}
 #: sides, in diameters, of the sample that a sparse LU solves as well, as a check
 _CHECKED_SIDES = {2: 24, 3: 6}
-#: part of the tolerance of steps with which that sample is loaded once more, if samples are loaded with friction
-_SHORTER = 0.1
-#: number of samples between two checks whether the reference is good enough
-_SAMPLES_BETWEEN_LOOKS = 8
-#: number of openings of listed diameters above which solving the effective medium takes noticeable time
-_MOST_OPENINGS = 40
-#: diameters in the short list whose solution is timed to predict that of a long one
-_TRIAL_DIAMETERS = 20
-#: the time of a solution is proportional to this power of the number of openings
-_TIME_POWER = 1.1
 #: a reference can judge a point if the error of the point is at least this many times that of the reference
 BETTER = 100.0
 #: least number of timed runs of a point
 LEAST_RUNS = 5
-#: time of the runs that are not timed, in runs: one warms up, and one is slower because its memory is watched
-_MORE_RUNS = 4.0
-#: largest number of runs from which the rms error of a random point is found
-_MOST_DRAWS = 100
-#: how much longer than the median a run may take
-_MARGIN = 1.5
-#: quantities whose errors can be measured, in the words of a scene
-_OBSERVED = ("velocities", "bands", "dos")
-#: part of the time of a study that its points may take
-_FOR_POINTS = 0.4
 #: files of a trade-off
 TRADEOFF_FILES = ("tradeoff.csv", "tradeoff.png")
 
@@ -181,7 +152,7 @@ def measure_excess(simulation: DirectSimulation) -> Iterator[Array]:
         given = simulation.deviations(index)
         x = given if structure.n_balls > 1 else given[None]
         pairs = [np.mean([np.mean(x[j] * np.roll(x[i], shift, axes)) for i, j, shift in shell]) for shell in shells]
-        yield np.array([np.mean(x * x) - _VARIANCE, *pairs])
+        yield np.array([np.mean(x * x) - 1.0 / 12.0, *pairs])  # the variance of every distribution
 
 
 @lru_cache(maxsize=64)
@@ -199,7 +170,7 @@ def find_near_pairs(structure: Lattice) -> list[list[tuple[int, int, tuple[int, 
     shells = np.round(distance[i, j, which], 5)
     return [
         [(int(a), int(b), tuple(steps[c].tolist())) for a, b, c in zip(i[at], j[at], which[at], strict=True)]
-        for at in (shells == radius for radius in np.unique(shells)[:_SHELLS])
+        for at in (shells == radius for radius in np.unique(shells)[:3])  # within _REACH on every lattice
     ]
 
 
@@ -208,7 +179,8 @@ def regress(values: Array, excess: Array) -> tuple[Array, Array]:
     count, known = excess.shape
     design = np.ones((count, 1))
     scale = np.sqrt(np.mean(excess**2, axis=0))
-    if count >= _LEAST_SAMPLES_EACH * (known + 1) and np.all(scale > 0.0):
+    # with fewer samples for each of its coefficients a regression adds more scatter than it removes
+    if count >= 6 * (known + 1) and np.all(scale > 0.0):
         design = np.concatenate([design, excess / scale], axis=1)
     inverse = np.linalg.pinv(design)
     found = inverse @ values
@@ -331,13 +303,14 @@ class MediaStudy:
     def solving(self) -> float:
         """Predicted time of solving the effective medium, s; zero up to 40 openings."""
         shape: Any = cast("Spread", self.packing.spread).shape
-        if shape.openings.size <= _MOST_OPENINGS:
+        if shape.openings.size <= 40:  # which takes no noticeable time
             return 0.0
-        x = np.array(shape.positions)[np.unique(np.linspace(0, len(shape.positions) - 1, _TRIAL_DIAMETERS).astype(int))]
+        # a short list is timed to predict the time of the long one
+        x = np.array(shape.positions)[np.unique(np.linspace(0, len(shape.positions) - 1, 20).astype(int))]
         few = PointShape(tuple(x.tolist()), (1.0 / x.size,) * x.size)
         begun = self.stopwatch.now()
         solve_curve(few, 1.0, 12, 1e-10)
-        return float((self.stopwatch.now() - begun) * (shape.openings.size / few.openings.size) ** _TIME_POWER)
+        return float((self.stopwatch.now() - begun) * (shape.openings.size / few.openings.size) ** 1.1)
 
     @cached_property
     def condition(self) -> float:
@@ -419,7 +392,7 @@ class MediaStudy:
             samples.add()
             step.advance()
             longest, count = max(longest, now() - start), samples.samples
-            if count >= _LEAST_SAMPLES and count % _SAMPLES_BETWEEN_LOOKS == 0 and better(summarize()):
+            if count >= _LEAST_SAMPLES and count % 8 == 0 and better(summarize()):
                 break
         if samples.samples < _LEAST_SAMPLES:
             taken = write_duration(now() - begun)
@@ -437,7 +410,7 @@ class MediaStudy:
         shape = even_shape(self.packing.structure, _CHECKED_SIDES[self.packing.structure.periods])
         if self.truth.is_loaded:
             own = DirectSimulation(self.packing, shape, _REFERENCE_SEED, **self.truth.options)
-            ratio = self.observe(own) / self.observe(replace(own, step_tolerance=_SHORTER * own.step_tolerance))
+            ratio = self.observe(own) / self.observe(replace(own, step_tolerance=0.1 * own.step_tolerance))
             words = "velocities in steps of a tenth of the tolerance"
             apart = np.max(np.abs(ratio - 1.0), axis=-1)
         else:
@@ -640,7 +613,8 @@ def tradeoff(
     for name, value, low in (("runs", runs, LEAST_RUNS), ("most_loads", most_loads, 1)):
         require(name, partial(whole, low=low, high=1000), value)
     budget = require("budget", partial(number, low=1e-3, high=1e9), budget)
-    observe = require("observe", partial(each, rule=partial(choice, options=_OBSERVED), what="words"), observe)
+    word = partial(choice, options=("velocities", "bands", "dos"))
+    observe = require("observe", partial(each, rule=word, what="words"), observe)
     require("finite_overlap", truth, finite_overlap)
     given = dict(zip(REFERENCE_OPTIONS, (friction_history, friction_coefficient, shear_response), strict=True))
     against = require("tradeoff", FrictionHistory.read, given)
@@ -715,7 +689,7 @@ class _BudgetError(Exception):
 
 
 @dataclass(frozen=True, eq=False)
-class _StudyTask:
+class _StudyTask(Task):
     """A study with the time that it may take, s, as a task; its result holds the points as JSON texts, and its time."""
 
     study: MediaStudy
@@ -723,27 +697,21 @@ class _StudyTask:
     seconds: float
     runs: int
     progress: Progress = silent
-
-    steps: ClassVar[int] = 1
-    memory: ClassVar[float] = 0.0
-
-    where: ClassVar[str] = "study of media"
-    kind: ClassVar[str] = where
-
-    def done(self, part: TaskResult) -> int:
-        return 1
+    where: str = "study of media"
+    kind: str = where
 
     def solve(self, begun: TaskResult | None = None) -> TaskResult:
         """Measure the points of the study in a part of its time, from now on, and find its reference in the rest."""
         study, now = self.study, self.study.stopwatch.now
         start = now()
         deadline = Deadline(study.stopwatch, start + self.seconds)
-        halfway = Deadline(study.stopwatch, now() + _FOR_POINTS * deadline.left)
+        halfway = Deadline(study.stopwatch, now() + 0.4 * deadline.left)
         points, failures, done, taken = study.make_points(), dict[Point, str](), dict[Point, _Runs](), dict[str, float]()
 
         def require_time(seconds: float) -> None:
             """Raise :class:`_BudgetError` if the runs of a point, of so many s each, would not end by the deadline."""
-            if (self.runs + _MORE_RUNS) * seconds > halfway.left:
+            # four more are not timed: one warms up, and one is slower because its memory is watched
+            if (self.runs + 4.0) * seconds > halfway.left:
                 about = write_quantity(seconds, "s", 2) if 1e-3 < seconds < math.inf else ""
                 raise _BudgetError("not run, beyond the budget" + (f": {self.runs} runs of about {about}" if about else ""))
 
@@ -782,7 +750,7 @@ class _StudyTask:
             for place, point in enumerate(random):
                 long = statistics.median(done[point].seconds) + statistics.median(done[point].setups)
                 end, outcomes = now() + (until - now()) / (len(random) - place), done[point].outcomes
-                while len(outcomes) < _MOST_DRAWS and now() + _MARGIN * long < end:
+                while len(outcomes) < 100 and now() + 1.5 * long < end:  # a run may take longer than the median
                     outcomes.append(point.solve(point.prepare(len(outcomes) + 1)))
 
         def square(point: Point, reference: Reference) -> Array:

@@ -8,7 +8,7 @@ In the directions of rest all is linear, by the rows of :mod:`granphon.dynamics.
 and n = r/|r|; arms add up to |r|, and the contact has the overlap h_0 + |r_0| - |r|. A step takes its slips across the mean
 of r before and after; forces across contacts turn with n by the smallest rotation that takes n along, and about n with the
 mean spin of the two balls. So |T| stays, and pairs of forces and torques keep momentum and angular momentum exactly. Loads
-that hold the balls at rest keep their directions.
+that hold the balls at rest keep their directions. In a plane T is a number, which such a rotation leaves as it is.
 """
 
 from __future__ import annotations
@@ -126,12 +126,16 @@ class TrueDirections:
     """
 
     count, slips = 8, 3
+    #: axes of displacements and of rotations
+    axes: tuple[int, ...] = (0, 1, 2)
+    turns: tuple[int, ...] = (0, 1, 2)
 
     def __init__(
         self, operator: WaveOperator, fixed: FixedDirections, moved: list[tuple[Index, Array]], rest: Array,
         more: tuple[Index, Index, Index], bulge: float,
     ) -> None:  # fmt: skip
-        network, self.operator, self.top, self._drives = operator.network, operator, fixed.top, moved
+        network, self.operator, self.top = operator.network, operator, fixed.top
+        self._drives = [(balls, along[list(self.axes)]) for balls, along in moved]
         (i, j, shift), extra = more, len(more[0])
         self.i, self.j = np.concatenate([network.i, i]), np.concatenate([network.j, j])
         flat = np.isinf(network.distance)
@@ -144,9 +148,10 @@ class TrueDirections:
             apart[own] = network.normal[one]
             gap[own] = (plane - network.positions[i[own]]) @ network.normal[one] - network.radii[i[own]]
         self._gap = np.append(np.zeros(network.n_contacts), gap)
-        self._r = np.ascontiguousarray(np.concatenate([vectors, apart]).T)
+        self._r = np.ascontiguousarray(np.concatenate([vectors, apart]).T[list(self.axes)])
         self._length = np.sqrt(np.sum(self._r**2, axis=0))
         self._flat = np.concatenate([flat, at_wall])
+        self._walls = np.flatnonzero(self._flat)
         self._arm = np.concatenate([network.arm_i, network.radii[i]])
         # arms share the distance, so that torques balance the moment of forces across contacts
         far = np.where(np.isinf(network.radii[j]), 0.0, network.radii[j])
@@ -155,47 +160,57 @@ class TrueDirections:
         slip, twist, roll = (
             np.append(one := each / network.normal_stiffness, np.full(extra, np.mean(one))) for each in stiffness
         )
-        self.ratio = np.array([slip] * 3 + [twist] + [roll] * 3)
-        self.held = np.zeros((7, len(self.i)))
+        held = np.zeros((3, len(self.i)))
         if network.tangential_force is not None:
-            self.held[:3, : network.n_contacts] = -network.tangential_force.T
+            held[:, : network.n_contacts] = -network.tangential_force.T
+        self.ratio, self.held = self._list_rows(slip, twist, roll, held)
         both = np.concatenate([self.j, self.i])
         self._ends = compose([(both, np.arange(len(both)), 1.0)], (network.n_balls, len(both)))
-        self._weights = np.sqrt(np.stack([network.masses, network.inertias])[:, operator.balls])
+        # where each motion of a ball stands among its displacements and rotations, and in a vector, and its weight
+        weights, motions = np.sqrt(np.stack([network.masses, network.inertias])[:, operator.balls]), operator.motions
+        rows = [self.axes.index(axis) for axis in motions.translations]
+        rows += [len(self.axes) + self.turns.index(axis) for axis in motions.rotations]
+        self._places = [(row, column, weights[int(column >= len(motions.translations))]) for column, row in enumerate(rows)]
         self._rest = np.append(rest, np.zeros(extra))
         # loads that hold the balls at rest, against forces and torques of contacts
+        self._load = np.zeros((len(self.axes) + len(self.turns), network.n_balls))
         still = self.at(np.zeros(operator.size), np.zeros(len(moved)))
-        self._load = np.zeros((6, network.n_balls))
         self._load = -self._act(still, np.concatenate([np.zeros((1, len(self.i))), self.held]), None)
 
-    def _spread(self, x: Array) -> tuple[Array, Array]:
-        """Return vectors (3, n) of all balls from mass-weighted motions: displacements, and rotations."""
-        motions, balls, n = self.operator.motions, self.operator.balls, self.operator.network.n_balls
-        values, out = x.reshape(len(balls), -1), np.zeros((2, 3, n))
-        kinds = (motions.translations, motions.translating), (motions.rotations, motions.turning)
-        for part, (axes, columns), weight in zip(out, kinds, self._weights, strict=True):
-            for axis, column in zip(axes, np.arange(motions.count)[columns], strict=True):
-                part[axis, balls] = values[:, column] / weight
-        return out[0], out[1]
+    def _list_rows(self, slip: Array, twist: Array, roll: Array, held: Array) -> tuple[Array, Array]:
+        """Return the ratios of stiffnesses (rows - 1, n_c), and forces across contacts at rest likewise."""
+        return np.array([slip] * 3 + [twist] + [roll] * 3), np.concatenate([held, np.zeros((4, len(slip)))])
+
+    def _spread(self, x: Array, ways: Array) -> tuple[Array, Array]:
+        """Return vectors (axes, n) of all balls from mass-weighted motions: displacements, and rotations."""
+        values, out = self.operator.values(x), np.zeros(self._load.shape)
+        for row, column, weight in self._places:
+            out[row, self.operator.balls] = values[:, column] / weight
+        for way, (balls, along) in zip(ways, self._drives, strict=True):
+            out[: len(self.axes), balls] = (way * along)[:, None]
+        return out[: len(self.axes)], out[len(self.axes) :]
 
     def at(self, x: Array, ways: Array) -> Moment:
         """Return the balls at a moment."""
-        u, turned = self._spread(x)
-        for way, (balls, along) in zip(ways, self._drives, strict=True):
-            u[:, balls] = (way * along)[:, None]
-        across = u[:, self.j] - u[:, self.i]
-        r = np.where(self._flat, self._r, self._r + across)
-        length = np.sqrt(np.sum(r * r, axis=0))
+        u, turned = self._spread(x, ways)
+        across = self._difference(u)
+        r = self._r + across
+        r[:, self._walls] = self._r[:, self._walls]
+        length = np.sqrt(np.einsum("ij,ij->j", r, r))
         # no difference of near-equal lengths
-        e = np.sum((self._r + r) * across, axis=0) / (length + self._length)
+        e = np.einsum("ij,ij->j", self._r + r, across) / (length + self._length)
         return Moment(u, turned, r, length, e + self._gap)
+
+    def _difference(self, of_balls: Array) -> Array:
+        """Return what balls j have more than balls i, (axes, n_c)."""
+        return np.asarray(of_balls.take(self.j, axis=1) - of_balls.take(self.i, axis=1))
 
     def elongation(self, at: Moment) -> Array:
         """Return e of a moment."""
         return at.e
 
     def _deform(self, n: Array, length: Array, across: Array, turned: Array) -> Array:
-        """Return (7, n_c) slip, twist and roll of contacts of the direction n, of small displacements and rotations."""
+        """Return (rows - 1, n_c) slip, twist and roll of contacts of the direction n; displacements are small."""
         i, j = turned[:, self.i], turned[:, self.j]
         arm_i, arm_j = self._arms(length)
         slip = across - n * np.sum(n * across, axis=0) - _cross(arm_i * i + arm_j * j, n)
@@ -203,21 +218,21 @@ class TrueDirections:
         return np.concatenate([slip, twist[None], j - i - n * twist])
 
     def _arms(self, length: Array) -> tuple[Array, Array]:
-        arm = np.where(self._flat, self._arm, self._share * length)
-        return arm, np.where(self._flat, 0.0, length - arm)
+        arm = self._share * length
+        arm[self._walls] = self._arm[self._walls]
+        other = length - arm
+        other[self._walls] = 0.0
+        return arm, other
 
     def since(self, before: Moment, after: Moment) -> Array:
         """Return slips, twists and rolls between two moments, across the mean of r."""
         n, length = _mean(before, after)
-        moved = after.u - before.u
-        return self._deform(n, length, moved[:, self.j] - moved[:, self.i], after.turned - before.turned)
+        return self._deform(n, length, self._difference(after.u - before.u), after.turned - before.turned)
 
     def rate(self, at: Moment, v: Array, ways: Array) -> Array:
         """Return the rates of all deformations (8, n_c), at velocities ``v`` and speeds of the drives."""
-        moving, spins = self._spread(v)
-        for way, (balls, along) in zip(ways, self._drives, strict=True):
-            moving[:, balls] = (way * along)[:, None]
-        n, across = at.r / at.length, moving[:, self.j] - moving[:, self.i]
+        moving, spins = self._spread(v, ways)
+        n, across = at.r / at.length, self._difference(moving)
         return np.concatenate([np.sum(n * across, axis=0)[None], self._deform(n, at.length, across, spins)])
 
     def turn(self, pull: Array, before: Moment, after: Moment, half: int) -> Array:
@@ -231,46 +246,68 @@ class TrueDirections:
             part[:] = part * np.cos(angle) + _cross(b, part) * np.sin(angle)
         return t
 
+    def _resist(self, n: Array, pull: Array) -> tuple[Array, Array, Array]:
+        """Return forces across contacts (axes, n_c), the torque of each with an arm of one, and that of twist and roll."""
+        return pull[1:4], _cross(n, pull[1:4]), pull[4] * n + pull[5:]
+
     def _act(self, at: Moment, pull: Array, before: Moment | None) -> Array:
-        """Return forces and torques (6, n) on all balls, those of loads among them; over a step, that keep its energy."""
+        """Return forces and torques (axes, n) on all balls, those of loads among them; over a step, that keep its energy."""
         n, length = (at.r / at.length, at.length) if before is None else _mean(before, at)
         normal = pull[0] + self._rest
         if before is not None:
             normal = normal * np.where(self._flat, 1.0, 2.0 * length / (at.length + before.length))
         arm_i, arm_j = self._arms(length)
-        force, lever = normal * n - pull[1:4], _cross(n, pull[1:4])
-        bend = pull[4] * n + pull[5:]
+        across, lever, bend = self._resist(n, pull)
+        force = normal * n - across
         ends = np.concatenate([
             np.concatenate([force, arm_j * lever - bend]), np.concatenate([-force, arm_i * lever + bend])
         ], axis=1)  # fmt: skip
-        return np.asarray((self._ends @ ends.T).T + self._load)
+        return np.array([self._ends @ one for one in ends]) + self._load
 
     def push(self, at: Moment, pull: Array, before: Moment | None = None) -> Array:
         """Return the accelerations (size,) of a pull; with ``before``, its mean over a step."""
-        motions, balls, acting = self.operator.motions, self.operator.balls, self._act(at, pull, before)
-        out = np.empty((len(balls), motions.count))
-        for axes, columns, weight, first in (
-            (motions.translations, motions.translating, self._weights[0], 0),
-            (motions.rotations, motions.turning, self._weights[1], 3),
-        ):
-            for axis, column in zip(axes, np.arange(motions.count)[columns], strict=True):
-                out[:, column] = acting[first + axis, balls] / weight
-        return out.ravel()
+        acting, balls = self._act(at, pull, before), self.operator.balls
+        out = np.empty((len(balls), len(self._places)))
+        for row, column, weight in self._places:
+            out[:, column] = acting[row, balls] / weight
+        return np.asarray(self.operator.vector(out))
 
     def resist(self, at: Moment, pull: Array, before: Moment | None = None) -> Array:
         """Return the forces (drives,) along each drive with which contacts and loads resist it."""
-        acting = self._act(at, pull, before)
-        return np.array([-float(np.sum(along @ acting[:3, balls])) for balls, along in self._drives])
+        acting = self._act(at, pull, before)[: len(self.axes)]
+        return np.array([-float(np.sum(along @ acting[:, balls])) for balls, along in self._drives])
 
     def rest_energy(self, at: Moment, x: Array) -> float:
         """Return the energy of the loads, J, less what the laws count of it."""
-        return -float(np.sum(self._rest * at.e) + np.sum(self._load[:3] * at.u) + np.sum(self._load[3:] * at.turned))
+        return -float(np.sum(self._rest * at.e) + np.sum(self._load * np.concatenate([at.u, at.turned])))
+
+
+class PlaneDirections(TrueDirections):
+    """The same of motions in the plane x, y: slip, roll and their forces are numbers, along (-n_y, n_x) and about z."""
+
+    count, slips, axes, turns = 3, 1, (0, 1), (2,)
+
+    def _list_rows(self, slip: Array, twist: Array, roll: Array, held: Array) -> tuple[Array, Array]:
+        n = self._r / self._length
+        return np.array([slip, roll]), np.array([n[0] * held[1] - n[1] * held[0], np.zeros(len(slip))])
+
+    def _deform(self, n: Array, length: Array, across: Array, turned: Array) -> Array:
+        i, j = turned[0].take(self.i), turned[0].take(self.j)
+        arm_i, arm_j = self._arms(length)
+        return np.array([n[0] * across[1] - n[1] * across[0] - arm_i * i - arm_j * j, j - i])
+
+    def turn(self, pull: Array, before: Moment, after: Moment, half: int) -> Array:
+        """Return the forces across contacts as they are."""
+        return pull[1:]
+
+    def _resist(self, n: Array, pull: Array) -> tuple[Array, Array, Array]:
+        return np.array([-n[1] * pull[1], n[0] * pull[1]]), pull[1:2], pull[2:3]
 
 
 def _mean(before: Moment, after: Moment) -> tuple[Array, Array]:
     """Return directions and lengths of the mean of r over a step."""
     r = 0.5 * (before.r + after.r)
-    length = np.sqrt(np.sum(r * r, axis=0))
+    length = np.sqrt(np.einsum("ij,ij->j", r, r))
     return r / length, length
 
 

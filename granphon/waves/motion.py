@@ -87,13 +87,18 @@ class Motion(Result):
         Raises :class:`~granphon.base.errors.InputError` for a file that is not there, or that is of another kind or schema.
         """
         found, about = read_records(path, _ABOUT, frames)
-        own = {name.removeprefix("network_"): found.pop(name) for name in list(found) if name.startswith("network_")}
-        for name in ("i", "j", "shift", "labels"):
-            if name in own:
-                own[name] = own[name].astype(np.intp)
-        network = ContactNetwork.from_dict({"class": "ContactNetwork", **json.loads(about["network"]), **own})
-        met: Any = found.pop("met", np.zeros((0, 2))).astype(np.intp)
-        return cls(**found, network=network, met=met, step=float(about["step"]))
+        try:
+            own = {name.removeprefix("network_"): found.pop(name) for name in list(found) if name.startswith("network_")}
+            for name in ("i", "j", "shift", "labels"):
+                if name in own:
+                    own[name] = own[name].astype(np.intp)
+            network = ContactNetwork.from_dict({"class": "ContactNetwork", **json.loads(about["network"]), **own})
+            met: Any = found.pop("met", np.zeros((0, 2))).astype(np.intp)
+            motion = cls(**found, network=network, met=met, step=float(about["step"]))
+            motion._check()
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(f"the file of a motion is damaged: {error}", mend="Run again") from None
+        return motion
 
     def write(self, path: str | os.PathLike[str] | BinaryIO) -> None:
         """Write a netCDF file, or to an open binary file, for :meth:`read`.
@@ -129,8 +134,10 @@ class Motion(Result):
     def peaks(self) -> tuple[Array, Array]:
         """Return the times, s, and the heights, N, of the greatest normal force of each contact, each (n_c,).
 
-        Both are those of a parabola through the greatest frame and its neighbours.
+        Both are those of a parabola through the greatest frame and its neighbours; of fewer than three frames, of a frame.
         """
+        if len(self.times) < 3:
+            return self.times[np.argmax(self.forces, axis=0)], np.asarray(self.forces).max(axis=0)
         top = np.clip(np.argmax(self.forces, axis=0), 1, len(self.times) - 2)
         low, most, high = (self.forces[top + shift, np.arange(len(top))] for shift in (-1, 0, 1))
         bend, tilt = low - 2.0 * most + high, low - high
@@ -144,7 +151,7 @@ class Motion(Result):
         """
         change = np.abs(self.forces - self.forces[0])
         level = require("share", lambda value: number(value, 1e-9, 1.0), share) * change.max(axis=0)
-        after = np.maximum(np.argmax(change >= level, axis=0), 1)
+        after = np.clip(np.argmax(change >= level, axis=0), min(1, len(change) - 1), None)
         low, high = (change[at, np.arange(len(level))] for at in (after - 1, after))
         part = np.divide(level - low, high - low, out=np.zeros_like(level), where=high > low)
         return np.where(level > 0.0, self.times[after - 1] + part * (self.times[after] - self.times[after - 1]), np.inf)

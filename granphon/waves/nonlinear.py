@@ -36,12 +36,12 @@ from granphon.balls.contact_laws import DMT, JKR, Hertz, PowerLaw, law_between
 from granphon.balls.hertz import HertzLaw
 from granphon.base.errors import InputError, StoppedEarlyWarning, brief
 from granphon.base.progress import Progress, silent
-from granphon.base.validation import choice, not_negative, positive, real_array, require, whole_number
+from granphon.base.validation import choice, not_negative, positive, real_array, real_number, require, whole_number
 from granphon.dynamics.damping import ContactDamping
 from granphon.media.crystal import Crystal, CrystalState
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.waves.contact_forces import ContactForces, PairLaws, Powers, Touch
-from granphon.waves.directions import FixedDirections, TrueDirections
+from granphon.waves.directions import FixedDirections, PlaneDirections, TrueDirections
 from granphon.waves.motion import Frames, Motion
 from granphon.waves.neighbours import find_neighbours, orient
 from granphon.waves.operator import WaveOperator
@@ -316,6 +316,10 @@ class _System:
                 self.moved.append((balls, along))
             else:
                 pushed.append((balls, along))
+        driven = np.concatenate([balls for balls, _ in self.moved] or [np.zeros(0, np.intp)])
+        if len(np.unique(driven)) < len(driven) or any(np.any(np.isin(balls, driven)) for balls, _ in pushed):
+            what = "a ball has two drives, of which one is a displacement"
+            raise InputError(what, "It moves as that says, whatever acts on it", "Give it one drive")
         self.network = replace(network, masses=masses) if self.moved else network
         self.operator = operator = WaveOperator(self.network)
         self.fixed = FixedDirections(operator, self.moved)
@@ -332,9 +336,6 @@ class _System:
         rooted = np.sqrt(np.where(self.network.moving, masses, 1.0))
         self._push = np.array([field(*one, 1.0 / rooted) for one in pushed]).reshape(len(pushed), operator.size)
         self._weight = field(np.arange(network.n_balls), waves.gravity, rooted)
-        self._turning = np.asarray(operator.vector(
-            np.broadcast_to(operator.motions.is_rotation, (operator.balls.size, operator.motions.count))
-        ))  # fmt: skip
         self._begin()
 
     def _begin(self) -> None:
@@ -349,7 +350,11 @@ class _System:
         if waves.geometry == "exact":
             normal = waves._join_laws(i, j) if len(i) else normal
             rest = waves.normal.rest
-            self.where: Any = TrueDirections(self.operator, self.fixed, self.moved, rest, (i, j, shift), self._bulge)
+            motions = self.operator.motions
+            planar = {*motions.translations} <= {0, 1} and {*motions.rotations} <= {2}
+            planar = planar and not any(np.any(one[..., 2]) for one in (self.network.normal, *(a for _, a in self.moved)))
+            kind = PlaneDirections if planar else TrueDirections
+            self.where: Any = kind(self.operator, self.fixed, self.moved, rest, (i, j, shift), self._bulge)
         else:
             self.where = self.fixed
         times = waves.damping
@@ -417,9 +422,8 @@ class _System:
         touch = self.forces.begin(where.elongation(at), where.since(still, at), where.held)
         nothing = np.zeros(self.network.n_contacts)
         at_rest = self.forces.springs(np.concatenate([nothing[None], where.held]), self.forces.normal.press(nothing)[1])
-        sheared, worked = self.forces.springs(touch.pull, touch.k), np.zeros(3)  # of slips, dashpots and drives
+        start, worked = self.forces.springs(touch.pull, touch.k), np.zeros(3)  # of slips, dashpots and drives
         limit = (2.0 * math.pi / _LEAST_STEPS / step) ** 2
-        start = sheared
         # balls that may meet are listed anew when one has moved by half of the margin
         skin = _SKIN * 2.0 * float(np.mean(self.network.radii[self.network.moving]))
         travelled = math.inf
@@ -438,8 +442,8 @@ class _System:
             kept.keep(
                 {
                     "times": time, "displacements": u, "velocities": speeds, "rotations": self._to_balls(x, True),
-                    "spins": self._to_balls(v, True), "translation": 0.5 * float(np.sum(square[~self._turning])),
-                    "rotation": 0.5 * float(np.sum(square[self._turning])),
+                    "spins": self._to_balls(v, True), "translation": 0.5 * float(np.sum(square[~self.operator.is_rotation])),
+                    "rotation": 0.5 * float(np.sum(square[self.operator.is_rotation])),
                     "stored": stored + self.where.rest_energy(at, x), "lost": worked[0] - (springs - start) + worked[1],
                     "work": worked[2],
                 }, forces, shears, list(self._keys),
@@ -535,7 +539,11 @@ class _System:
 
     def _follow(self, time: float) -> tuple[Array, Array]:
         """Return the ways of moved bodies and the forces on pushed balls at a time."""
-        return tuple(np.array([float(one(time)) for one in each]) for each in (self._ways, self._lifts))  # type: ignore[return-value]
+        ways, lifts = (np.array([real_number(one(time)) for one in each]) for each in (self._ways, self._lifts))
+        if not (np.all(np.isfinite(ways)) and np.all(np.isfinite(lifts))):
+            what = f"a drive is not a finite number at {time:.4g} s"
+            raise _Stop(what) if time else InputError(what, mend="Give a function of the time that returns one")
+        return ways, lifts
 
     def _fastest(self, v: Array, ways: Array, time: float, step: float) -> float:
         """Return the largest speed of a ball or a moved body, m/s."""
@@ -550,7 +558,9 @@ class _System:
         at = self.where.at(x, ways)
         round_ones = np.flatnonzero(np.isfinite(network.radii))
         periods = network.cell[list(network.pbc)]
-        places = network.positions + at.u.T
+        moved = np.zeros_like(network.positions)
+        moved[:, self.where.axes] = at.u.T
+        places = network.positions + moved
         i, j, cells = find_neighbours(places[round_ones], network.radii[round_ones], periods, skin + max(self._bulge, 0.0))
         i, j, shift = round_ones[i], round_ones[j], np.zeros((len(i), 3), np.intp)
         shift[:, list(network.pbc)] = cells
@@ -558,7 +568,7 @@ class _System:
         for wall in np.unique(network.j[flat & np.isinf(network.radii[network.j])]):
             one = np.flatnonzero(flat & (network.j == wall))[0]
             plane = network.positions[network.i[one]] + network.arm_i[one] * network.normal[one]
-            gap = (plane + at.u[:, wall] - places[round_ones]) @ network.normal[one] - network.radii[round_ones]
+            gap = (plane + moved[wall] - places[round_ones]) @ network.normal[one] - network.radii[round_ones]
             near = round_ones[gap < skin]
             i, j = np.append(i, near), np.append(j, np.full(len(near), wall))
             shift = np.concatenate([shift, np.zeros((len(near), 3), np.intp)])
@@ -573,7 +583,7 @@ class _System:
         self._set(table[:, 0], table[:, 1], table[:, 2:])
         at = self.where.at(x, ways)
         change, k = self.forces.normal.press(at.e)
-        pull = np.zeros((8, len(at.e)))
+        pull = np.zeros((self.where.count, len(at.e)))
         old = np.flatnonzero(before >= 0)
         pull[:, :n], pull[:, n + old] = touch.pull[:, :n], touch.pull[:, before[old]]
         pull[0] = change

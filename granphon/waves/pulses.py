@@ -591,7 +591,7 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
     Raises :class:`~granphon.base.errors.InputError` for no pulse, or for pulses that were not sent alike.
     """
     if not pulses:
-        raise InputError("there is no pulse to average")
+        raise InputError("there is no pulse to average", mend="Give one or more")
     first, count = pulses[0], min(one.times.size for one in pulses)
     for one in pulses[1:]:
         same = ("frequency", "cycles", "direction", "polarisation", "damping", "tangential_damping")

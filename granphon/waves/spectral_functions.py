@@ -437,7 +437,7 @@ class SpectralFunction(Refinable):
         from scipy.interpolate import CubicSpline
 
         if not found:
-            raise InputError("there are no spectral functions to average")
+            raise InputError("there are no spectral functions to average", mend="Give one or more")
         first = max(found, key=lambda one: one.top)
         for one in found:
             same = one.q.shape == first.q.shape and np.allclose(

@@ -145,7 +145,7 @@ def test_a_lattice_with_fewer_periods_than_dimensions(cell, sites, like):
         (((2, 0, 0), (0, 1, 0), (1, 0, 1.5)), ((0, 0, 0), (0.5, 0, 0)), "layers, 1 in each cell"),
         (np.diag([1.0, 1.0, 4.0]), ((0, 0, 0), (0.5, 0.5, 0.5)), "layers, 2 in each cell"),
         (np.diag([1.0, 1.5, 1.5]), ((),), "rows, 1 in each cell"),
-        (np.diag([1.0, 2.0, 4.0]), ((0, 0, 0), (0, 0.5, 0), (0, 0, 0.5)), "pieces, 2 in each cell"),
+        (np.diag([1.0, 2.0, 4.0]), ((0, 0, 0), (0, 0.5, 0), (0, 0, 0.5)), "rows, layers, 2 in each cell"),
     ],
 )  # fmt: skip
 def test_balls_that_contacts_do_not_join_are_no_lattice(cell, sites, said):

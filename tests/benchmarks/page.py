@@ -20,6 +20,7 @@ import bench_arrays
 import bench_calculator
 import bench_crystals
 import bench_effective
+import bench_motion
 import bench_ordered
 import bench_pulses
 import bench_simulation
@@ -32,7 +33,7 @@ NUMBERS = PAGE.with_suffix(".json")
 TABLES = {
     "ordered": (*bench_ordered.PARTS, *bench_crystals.PARTS), "calculator": tuple(bench_calculator.PARTS),
     "effective": tuple(bench_effective.PARTS), "simulation": (*bench_simulation.PARTS, *bench_arrays.PARTS),
-    "waves": (*bench_pulses.PARTS, *bench_waves.PARTS),
+    "waves": (*bench_pulses.PARTS, *bench_waves.PARTS), "motion": tuple(bench_motion.PARTS),
 }  # fmt: skip
 _HEAD = "| what | measured | | bound |\n|---|---|---|---|\n"
 

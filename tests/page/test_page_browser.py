@@ -116,6 +116,26 @@ def test_what_the_page_shows_is_what_the_library_says(chromium, folder):
     assert re.search(rf"Local exponent.*\t{found.exponent:.4g}", shown)
 
 
+def test_the_page_of_a_crystal_of_two_kinds_has_its_bands_and_nothing_to_set(chromium, tmp_path):
+    light = gp.Ball(gp.Material(73.5e9, 0.33, 2700.0), 19.05e-3, name="light")
+    heavy = gp.Ball(gp.Material(193e9, 0.30, 8000.0), 19.05e-3, name="heavy")
+    state = gp.Crystal.on("NaCl", [light, heavy]).at_pressure(1e5)
+    path = tmp_path / "salt.html"
+    path.write_text(make_page(state, title="salt"), encoding="utf-8")
+    with Visit(chromium, path) as page:
+        page.wait_for_function(DRAWN)
+        drawn = page.evaluate("() => ({points: current.path.points, values: [...current.bands.values], unit: current.unit})")
+        cards = page.evaluate(
+            "() => [...document.querySelectorAll('.card')].filter(one => one.offsetParent).map(one => one.innerText)"
+        )
+    found = np.reshape(drawn["values"], (-1, 12)) * drawn["unit"]["scale"]
+    expected = gp.Phonons(state).frequencies(drawn["points"]) / 1e3
+    assert np.allclose(found, expected, rtol=0.0, atol=1e-6 * expected.max())
+    assert [one.split("\n")[0] for one in cards] == ["Bands and density of states", "Mode", "State, sound and moduli"]
+    assert "light" in cards[1]
+    assert "heavy" in cards[1]
+
+
 def test_the_density_of_states_counts_every_branch_once(chromium, folder):
     with Visit(chromium, folder / "fcc.html") as page:
         page.wait_for_function("() => current.dos")

@@ -1,6 +1,7 @@
 """Balls of several kinds in files: symbols, masses and radii as ASE, phonopy, Euphonic and phononwebsite read them."""
 
 import json
+import re
 
 import ase.io
 import numpy as np
@@ -45,6 +46,23 @@ def test_atoms_have_the_symbols_masses_and_radii_of_their_kinds(tmp_path):
         assert again.info["kinds"] == {"Fe": "large", "Sn": "Sn"}
         assert_allclose(again.get_masses() * again.info["granphon_mass_kg"], [LARGE.mass, SMALL.mass], rtol=1e-7)
         assert_allclose(again.arrays["radius"] * again.info["granphon_length_m"], [LARGE.radius, SMALL.radius], rtol=1e-7)
+
+
+def test_ovito_finds_species_radii_and_masses(tmp_path):
+    """Its reader knows the columns species, pos, radius and mass by these names; seen in OVITO 3."""
+    path = tmp_path / "balls.extxyz"
+    gp.write_extxyz(path, atoms := gp.atoms(square()))
+    gp.write_extxyz(path, ase.io.read(path))  # of a file that has the columns already
+    _, header, *lines = path.read_text().splitlines()
+    columns, at = {}, 0
+    for name, _, count in re.findall(r"(\w+):([SRIL]):(\d+)", header):
+        columns[name] = [line.split()[at : at + int(count)] for line in lines]
+        at += int(count)
+    assert at == len(lines[0].split())
+    assert columns["species"] == [["Fe"], ["Sn"]]
+    assert_allclose(np.array(columns["pos"], float), atoms.positions)
+    assert_allclose(np.ravel(columns["radius"]).astype(float), atoms.arrays["radius"])
+    assert_allclose(np.ravel(columns["mass"]).astype(float), atoms.get_masses())
 
 
 @pytest.mark.parametrize("state", [square(), salt("Na", "grün, 2"), salt("Sn", "He"), square(friction=False)])

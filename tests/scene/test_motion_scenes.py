@@ -8,7 +8,11 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.base.errors import ConvergenceError, InputError, SceneError
+from granphon.runs.motion_records import write_contacts
 from granphon.scene.redraw import redraw
+from granphon.waves.drives import DriveSettings
+from granphon.waves.settings import MotionSettings
+from tests.waves.test_nonlinear_exact import meeting
 
 CHAIN = """
 material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}
@@ -137,6 +141,16 @@ def test_balls_that_may_go_anywhere_by_steps_that_keep_the_energy(tmp_path):
     kept = sum(numbers[f"energy_{name}"] for name in ("translation", "rotation", "stored", "lost"))
     assert_allclose(kept, numbers["energy_supplied"], rtol=1e-9)
     assert gp.Scene.from_text(one.to_yaml()) == one
+
+
+def test_balls_that_have_met_are_in_the_table_of_contacts(tmp_path):
+    waves, start = meeting()
+    motion = waves.run(0.03 * 8e-3 / 2.0, **start, frames=101)
+    drive = DriveSettings(balls=(2,), impact=2.0)
+    write_contacts(motion, tmp_path / "contacts.csv", MotionSettings(duration=1.2e-4, drive=(drive,)))
+    table = np.genfromtxt(tmp_path / "contacts.csv", delimiter=",", names=True)
+    assert_allclose(np.stack([table["ball_i"], table["ball_j"]]), [[0, 1, 0], [1, 2, 2]])
+    assert_allclose(table["greatest_force_N"], motion.peaks()[1])
 
 
 def test_a_sweep_has_the_numbers_of_single_runs(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -34,6 +35,17 @@ def test_peaks_and_velocities_of_a_pulse():
     assert_allclose(motion.arrivals(0.5), times - math.sqrt(1e-3), atol=1e-5)
     assert_allclose(motion.pulse_velocity(range(11), of="front", share=0.5), 80.0, rtol=1e-4)
     assert np.all(np.isinf(make().arrivals()))
+
+
+def test_few_frames_have_no_parabola():
+    motion = make(forces=lambda t, x: 1.0 + t * (1.0 + x))
+    for frames in (1, 2):
+        cut = {name: getattr(motion, name)[:: FRAMES - 1][:frames] for name in ("times", "forces")}
+        few = replace(motion, **cut)
+        times, heights = few.peaks()
+        assert_allclose(heights, few.forces[-1])
+        assert_allclose(times, few.times[-1])
+        assert np.all(np.isinf(few.arrivals()) == (frames == 1))
 
 
 def test_a_spectrum_and_harmonics_of_a_steady_motion():

@@ -299,6 +299,23 @@ def interrupt(time):
     return 1.0
 
 
+def test_a_drive_that_is_no_number_ends_the_run():
+    waves = gp.NonlinearWaves(line(10.0, 4))
+    for kind in ("force", "displacement"):
+        drive = gp.Drive(0, (1, 0, 0), **{kind: lambda time: math.nan if time > 5e-5 else 0.0})
+        with pytest.warns(StoppedEarlyWarning, match="not a finite number at"):
+            motion = waves.run(1e-4, drive=drive, frames=101)
+        assert 45 < len(motion.times) < 55
+        assert np.all(np.isfinite(motion.velocities))
+    for nothing in (math.nan, None):
+        with pytest.raises(InputError, match="not a finite number at 0 s"):
+            waves.run(1e-4, drive=gp.Drive(0, (1, 0, 0), force=lambda _, it=nothing: it))
+    still = gp.Drive((0, 1), (1, 0, 0), displacement=lambda _: 0.0)
+    for other in (still, gp.Drive(1, (1, 0, 0), force=lambda _: 0.0)):
+        with pytest.raises(InputError, match="two drives"):
+            waves.run(1e-4, drive=[still, other])
+
+
 def test_ctrl_c_keeps_what_there_is(tmp_path):
     waves, drive = gp.NonlinearWaves(line(10.0, 4)), gp.Drive(0, (1, 0, 0), force=interrupt)
     with pytest.warns(StoppedEarlyWarning, match="Ctrl-C"):

@@ -9,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import granphon as gp
+from granphon.base.errors import InputError
 from tests.networks.test_cuts import D, bulk
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
@@ -91,6 +92,26 @@ def test_exact_directions_of_small_motions_are_those_of_the_lattice():
     for name in ("velocities", "spins"):
         a, b = (getattr(one, name) for one in found)
         assert_allclose(b, a, atol=1e-6 * np.abs(a).max())
+
+
+@pytest.mark.parametrize("scheme", ["verlet", "midpoint"])
+def test_numbers_in_the_plane_are_vectors_in_space(scheme):
+    """Balls of a plane that slide, roll, meet and part move the same as where all motions are allowed."""
+    found = []
+    for motions in ("in_plane", "all"):
+        packing = gp.Packing(STEEL, D, lattice="triangular", friction=True, motions=motions, bending=0.02)
+        network = gp.AveragedLattice(packing).at_overlap(1e-5 * D).network.repeat((3, 3)).cut(1, 2, ("floor", "free"))
+        velocities = np.random.default_rng(0).standard_normal((network.n_balls, 3)) * [0.5, 0.5, 0.0]
+        velocities[~network.moving] = 0.0
+        waves = gp.NonlinearWaves(network, friction_coefficient=0.3, damping=1e-7, geometry="exact")
+        drive = gp.Drive(np.flatnonzero(~network.moving), (0, 1), displacement=lambda t: 1e-6 * math.sin(1e5 * t) ** 2)
+        found.append(waves.run(4e-5, velocities=velocities, drive=drive, frames=5, step=1e-7, scheme=scheme))
+    plane, space = found
+    for name in ("displacements", "velocities", "spins", "forces", "shears", "lost", "stored", "work"):
+        a, b = getattr(plane, name), getattr(space, name)
+        assert_allclose(a, b, atol=1e-9 * np.abs(b).max())
+    assert np.max(plane.spins) > 10.0
+    assert np.max(plane.lost) > 0.0
 
 
 def test_a_contact_turns_with_its_balls():
@@ -206,6 +227,9 @@ def test_a_file_of_a_motion_grows_with_contacts_and_frames(tmp_path):
     raw = path.read_bytes()
     path.write_bytes(raw + b"\0" * 100)
     assert gp.Motion.read(path) == kept
+    path.write_bytes(raw.replace(b'"pbc"', b'"pb?"'))
+    with pytest.raises(InputError, match="damaged"):
+        gp.Motion.read(path)
     path.write_bytes(b"not a motion")
     with pytest.raises(gp.GranphonError, match="not a file of records"):
         gp.Motion.read(path)

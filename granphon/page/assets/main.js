@@ -209,7 +209,8 @@ function showControls(lattice) {
     [low.textContent, high.textContent] = byEdge ? ["lower edge", "upper edge, dark: both"] : ["displacement", "rotation"];
     scale.classList.toggle("edges", byEdge);
     byId("legend").hidden = !lattice.rotations.length && !byEdge;
-    byId("velocities").hidden = true;
+    document.querySelector("main").classList.add("fixed");
+    for (const part of ["settings", "velocities"]) byId(part).closest(".card").hidden = true;
     return;
   }
   for (const [name, control] of Object.entries(controls)) control.show(state[name]);
