@@ -60,7 +60,8 @@ WRAPPED = ("console", "text")
 
 #: pages that take seconds, by simulations or by measuring times
 LONG = (
-    "explanation/cluster.md", "how-to/edges.md", "how-to/figure.md", "how-to/material.md", "how-to/paper.md",
+    "explanation/cluster.md", "how-to/edges.md", "how-to/figure.md", "how-to/impact.md", "how-to/kinds.md",
+    "how-to/material.md", "how-to/page.md", "how-to/paper.md", "how-to/phonopy.md",
     "how-to/simulation.md", "how-to/sweep.md", "how-to/tradeoff.md", "how-to/velocities.md", "how-to/waves.md",
 )  # fmt: skip
 

@@ -26,8 +26,9 @@ SCRIPTS = sorted(path.stem for path in EXAMPLES.glob("*.py"))
 SUFFIX = {"rolling_wave": ".gif", "wave_crossing": ".gif"}
 #: what takes more than a second and a half: simulations of many balls, and half spaces; the documentation runs them too
 LONG = {
-    "coherent_speckle", "conjecture", "disorder_in_space", "force_chains", "hexagon_pulse", "hysteresis", "ladder",
-    "paper_figures6_7_8", "paper_figures9_10_11", "several_runs",
+    "coherent_speckle", "column", "conjecture", "diatomic_chain", "disorder_in_space", "dos", "fcc_and_hcp",
+    "fit_width", "force_chains", "hexagon_pulse", "hysteresis", "iso_frequency", "ladder", "paper_figures6_7_8",
+    "paper_figures9_10_11", "poisson_ratio", "random_packing", "rolling_wave", "second_harmonic", "several_runs",
     "slowness_fcc", "soft_modes", "solitary_wave", "spectral_function", "surface_waves_fcc", "transfer_function",
     "transmission", "true_directions", "wave_crossing", "work_precision", "zigzag_edge",
 }  # fmt: skip

@@ -84,6 +84,7 @@ def test_the_core_needs_numpy_and_scipy_alone_and_the_rest_says_what_it_needs():
     sweep, figure, atoms, phonons, scene, table, code = lines[len(whole.splitlines()) :]
     assert sweep == "xarray is not installed. A data set needs it. Install it: pip install xarray."
     assert figure.startswith("matplotlib cannot be imported")
+    assert figure.endswith("Install it: pip install matplotlib.")
     assert atoms == "ase is not installed. A sample of Atoms needs it. Install it: pip install ase."
     assert phonons == "ase is not installed. granphon.Phonons needs it. Install it: pip install ase."
     assert scene == "yaml is not installed. A YAML file needs it. Install it: pip install PyYAML."

@@ -13,7 +13,7 @@ import typer
 from granphon.base.errors import InputError
 from granphon.cli.app import FORCE, PICTURES, SCENES, WORK, Force, SceneFile, Scheduler, Workers, command
 from granphon.cli.terminal import GO_ON, NOTHING_WRITTEN, require_name, say, say_table, tell_interruption, warn
-from granphon.cli.wording import describe_cost, describe_result, describe_scene
+from granphon.cli.wording import describe_result, describe_scene
 
 #: the scenes that ``init`` writes; the first is the default
 PRESETS = ("steel_hexagon", "steel_spread", "glass", "hydrogel", "chain", "membrane", "fcc", "hcp", "diatomic")
@@ -140,7 +140,7 @@ def run_scene(
         return
     cost = read.cost()
     if cost is not None and not quiet and cost.seconds > 10.0:
-        print(f"granphon: {describe_cost(cost)}", file=sys.stderr, flush=True)
+        print(f"granphon: {cost.text} on one processor", file=sys.stderr, flush=True)
     with tell_interruption(left):
         with open_executor(workers, scheduler) if read.has_tasks else nullcontext() as executor:
             result = read.run(out, force, on_stderr(quiet), figures, resume, executor)

@@ -11,7 +11,6 @@ from granphon.base.text import counted
 if TYPE_CHECKING:
     from granphon.fits.fit import WidthFit
     from granphon.fits.transfer import DampingFit
-    from granphon.media.cost import Cost
     from granphon.scene.run import RunResult
     from granphon.scene.scene import Scene
     from granphon.tradeoffs.measure import TradeOff
@@ -59,13 +58,8 @@ def describe_scene(scene: Scene) -> list[tuple[str, str]]:
         ]
     cost = scene.cost()
     if cost is not None:
-        rows.append(("will take", describe_cost(cost)))
+        rows.append(("will take", f"{cost.text} on one processor"))
     return rows
-
-
-def describe_cost(cost: Cost) -> str:
-    """Text of the memory and time that some work will take."""
-    return f"{cost.text} on one processor"
 
 
 def describe_result(result: RunResult) -> list[tuple[str, str]]:

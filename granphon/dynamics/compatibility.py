@@ -146,7 +146,7 @@ class Compatibility:
         contacts, n = len(self.contacts), self.n_branches
         return 16 * n * (6 * len(self.rows) * contacts + 10 * n)
 
-    def require_memory(self, needed: float) -> None:
+    def _require_memory(self, needed: float) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if a wave vector needs more memory, bytes, than is reasonable."""
         if needed > MOST_BYTES:
             what = f"the cell of {self.n_balls} balls has {self.n_branches} branches"
@@ -239,7 +239,7 @@ class Compatibility:
 
         In this frame the long-wave motion is one column, of half-angle sines, instead of a difference between n columns.
         """
-        self.require_memory(self.bytes_per_wavevector)
+        self._require_memory(self.bytes_per_wavevector)
         return self._complete(np.sqrt(self.masses / self.masses.sum()))
 
     @staticmethod
@@ -283,7 +283,7 @@ class Compatibility:
         nothing = np.zeros((len(table), self.motions.count))
         return found or [Row("elongation", 1.0, nothing, nothing)]
 
-    def weight_rows(self, prestress: bool = False) -> tuple[list[Row], Array]:
+    def _weight_rows(self, prestress: bool = False) -> tuple[list[Row], Array]:
         """Return rows, and the square roots (kinds, n_c) of their stiffness.
 
         With ``prestress`` the rows are those of displacements across contacts, and the roots those of |f/a|.
@@ -315,7 +315,7 @@ class Compatibility:
         # times their sum. Rotations and rows are divided by i. Then both terms are real for one ball in the cell, because
         # the difference vanishes for a displacement, and the sum for the rotation in a slip. Rows of rotations alone (twist,
         # roll) are divided by i once more.
-        rows, root = self.weight_rows(prestress)
+        rows, root = self._weight_rows(prestress)
         given = self._frame if frame is None else frame
         gap, total = self._combine_ends(rows, root, given.real + given.imag)
         of_rows = np.array([-1.0 if row.kind in ("twist", "roll") else -1.0j for row in rows])[:, None, None]
@@ -332,7 +332,7 @@ class Compatibility:
         return self._make_waves()
 
     @cached_property
-    def images(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]] | None:
+    def _images(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]] | None:
         """An inversion that leaves the lattice the same, if there is one: the image of each ball, contacts, their images.
 
         The image of a contact i, j joins the images of j and i by the same vector. A contact that is its own image is left
@@ -386,11 +386,11 @@ class Compatibility:
         The first column is the motion of the centre of mass in both. Odd ones are multiplied by i, so that rows of a contact
         and of its image are complex conjugates.
         """
-        self.require_memory(self.bytes_per_wavevector)  # also before images are sought among many contacts
+        self._require_memory(self.bytes_per_wavevector)  # also before images are sought among many contacts
         n = self.n_balls
-        if self.images is None or np.array_equal(self.images[0], np.arange(n)):
+        if self._images is None or np.array_equal(self._images[0], np.arange(n)):
             return self._frame
-        image = self.images[0]
+        image = self._images[0]
         fixed, pair = np.flatnonzero(image == np.arange(n)), np.flatnonzero(image > np.arange(n))
         unit, count = np.eye(n), len(pair)
         even = np.concatenate([unit[:, fixed], np.sqrt(0.5) * (unit[:, pair] + unit[:, image[pair]])], axis=1)
@@ -403,8 +403,8 @@ class Compatibility:
     def _wave_contacts(self) -> NDArray[np.intp]:
         """(n_c,) index of the contact whose half angle each row of :attr:`_deforming` contains."""
         found = np.arange(len(self.contacts))
-        if self.images is not None:
-            _, first, image = self.images
+        if self._images is not None:
+            _, first, image = self._images
             found[image] = first
         return found
 
@@ -415,9 +415,9 @@ class Compatibility:
         real part and 2^1/2 times the imaginary part of one.
         """
         waves = self._make_waves(prestress, self._wave_frame)
-        if self.n_balls == 1 or self.images is None:
+        if self.n_balls == 1 or self._images is None:
             return waves
-        _, first, image = self.images
+        _, first, image = self._images
         paired = np.ones((len(self.contacts), 1))
         paired[[first, image]] = np.sqrt(2.0)
         odd, even = waves.odd.real * paired, waves.even.real * paired

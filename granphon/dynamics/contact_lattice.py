@@ -27,7 +27,7 @@ from granphon.base.threads import share_out, single_products
 from granphon.base.validation import not_negative, positive, real_array
 from granphon.dynamics.blocks import Block, find_blocks
 from granphon.dynamics.compatibility import as_wavevectors
-from granphon.dynamics.large_cells import LargeCell
+from granphon.dynamics.large_cells import BYTES, LargeCell
 from granphon.dynamics.linalg import MANY_COLUMNS
 from granphon.dynamics.long_waves import LongWaves
 from granphon.networks.network import ContactNetwork
@@ -334,7 +334,12 @@ class ContactLattice(LongWaves):
     @cached_property
     def _large(self) -> LargeCell | None:
         """The cell as one of many balls; None if it has few, whose matrices are best taken together."""
-        return LargeCell(self) if self.n_branches > MANY_COLUMNS else None
+        if self.n_branches <= MANY_COLUMNS:
+            return None
+        self._require_memory(BYTES * self.n_branches**2)
+        return LargeCell(
+            self, [self._weight_rows(static) for static in (False, True)[: 1 + self.is_prestressed]], self._images
+        )
 
     # -- motions that nothing joins to others -----------------------------------------------------------------------------
 

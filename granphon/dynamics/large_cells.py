@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from granphon.dynamics.blocks import GENERIC
 from granphon.dynamics.compatibility import Compatibility
 from granphon.dynamics.linalg import WELL_ABOVE
+from granphon.dynamics.rows import Row
 
 Array = NDArray[np.float64]
 #: singular value of C, over the largest, from which it has eleven digits in the motions of balls
@@ -31,7 +32,7 @@ _LEAST_SQUARE, _NO_SQUARE = 1e-7, 1e-12
 #: distance of the shift of Lanczos from zero, and error of eigenvalues that tells that one is missing, over the largest
 _SHIFT, _MISSED = 1e-8, 1e-11
 #: memory of one wave vector over the square of the number of branches, bytes: D, LAPACK's copy and its work
-_BYTES = 36.0
+BYTES = 36.0
 #: most eigenvalues that are found again
 _MOST = 100
 #: relative distance of frequencies up to which they are degenerate
@@ -48,18 +49,21 @@ class _Ends(NamedTuple):
 
 
 class LargeCell:
-    """The vibrations of a lattice with many balls in its cell, in reduced units."""
+    """The vibrations of a lattice with many balls in its cell, in reduced units.
 
-    def __init__(self, lattice: Compatibility) -> None:
+    ``rows`` are those of C with the roots (kinds, n_c) of their stiffness, and then those on which static forces act;
+    ``images`` an inversion that leaves the cell the same: the image of each ball first.
+    """
+
+    def __init__(self, lattice: Compatibility, rows: list[tuple[list[Row], Array]], images: tuple[Any, ...] | None) -> None:
         from scipy.sparse import coo_array, eye_array, hstack, kron
 
-        lattice.require_memory(_BYTES * lattice.n_branches**2)
         table, n, count = lattice.contacts, lattice.n_balls, lattice.motions.count
-        self.size, self.pressed, self.is_real = lattice.n_branches, lattice.is_prestressed, lattice.images is not None
+        self.size, self.pressed, self.is_real = lattice.n_branches, lattice.is_prestressed, images is not None
         #: (n, n) to the motions of balls from those in which D is real
         self.frame: Any = eye_array(self.size, dtype=complex, format="csr")
-        if lattice.images is not None:
-            image, root, unit = lattice.images[0], np.sqrt(0.5), eye_array(n, format="csc")
+        if images is not None:
+            image, root, unit = images[0], np.sqrt(0.5), eye_array(n, format="csc")
             pair, fixed = np.flatnonzero(image > np.arange(n)), np.flatnonzero(image == np.arange(n))
             one, other = unit[:, pair], unit[:, image[pair]]
             of_balls = hstack([unit[:, fixed], root * (one + other), 1j * root * (one - other)])
@@ -67,21 +71,20 @@ class LargeCell:
         #: fewest frequencies of zero at any wave vector so far
         self._zeros = self.size
         self.kinds: list[_Ends] = []
-        for prestress in (False, True)[: 1 + self.pressed]:
-            rows, roots = lattice.weight_rows(prestress)
+        for prestress, (own, roots) in enumerate(rows):
             ends: list[Any] = []
-            for balls, coefficients in ((table.j, [row.head for row in rows]), (table.i, [row.tail for row in rows])):
+            for balls, coefficients in ((table.j, [row.head for row in own]), (table.i, [row.tail for row in own])):
                 there = np.flatnonzero(balls < n)  # not a body that does not move
                 weight = roots[:, there, None] * np.asarray(coefficients)[:, there]
                 weight = weight / np.sqrt(lattice.masses[balls[there]])[:, None]
-                line = (np.arange(len(rows))[:, None] * len(table) + there)[..., None]
+                line = (np.arange(len(own))[:, None] * len(table) + there)[..., None]
                 column = (balls[there] * count)[:, None] + np.arange(count)
                 where = tuple(np.broadcast_to(each, weight.shape).ravel() for each in (line, column))
-                shape = (len(rows) * len(table), self.size)
+                shape = (len(own) * len(table), self.size)
                 ends.append(coo_array((weight.ravel(), where), shape=shape).tocsr() @ self.frame)
             signs = -np.sign(lattice.prestress) if prestress else np.ones(len(table))
-            half = np.tile(0.5 * table.vector[:, : lattice.periods], (len(rows), 1))
-            self.kinds.append(_Ends(ends[0], ends[1], half, np.tile(signs, len(rows))))
+            half = np.tile(0.5 * table.vector[:, : lattice.periods], (len(own), 1))
+            self.kinds.append(_Ends(ends[0], ends[1], half, np.tile(signs, len(own))))
 
     def find_frequencies(self, q: Array) -> Array | None:
         """Find frequencies (n,), ascending, at one wave vector (p,); None if digits would be lost."""

@@ -72,7 +72,7 @@ class LongWaves(Compatibility):
     @cached_property
     def _strain_rows(self) -> tuple[Array, Array]:
         """:meth:`_deform_uniformly` of K^1/2 C."""
-        return self._deform_uniformly(*self.weight_rows())
+        return self._deform_uniformly(*self._weight_rows())
 
     @cached_property
     def _inner_modes(self) -> tuple[Array, Array]:
@@ -141,7 +141,7 @@ class LongWaves(Compatibility):
         if not inner.shape[1]:
             return False, np.eye(count)
         # to first order in q the deformations of both sound and inner motions are i times real numbers
-        gap, total = self._combine_ends(*self.weight_rows())
+        gap, total = self._combine_ends(*self._weight_rows())
         half = 0.5 * np.tile(self.contacts.vector[:, : self.periods], (len(total), 1))
         # a motion that deforms nothing at any q, such as the spin of a ball between two others, is left with rounding alone
         rows = np.linalg.norm(self._select_inner(np.abs(gap) + np.abs(total)), axis=1, keepdims=True)
@@ -422,7 +422,7 @@ class LongWaves(Compatibility):
         if self.n_balls != 1 or len(self.motions.rotations) != 1:
             raise InputError("there is no single rotational branch", "It needs friction, and a cell of one ball")
         ahead = self.contacts.vector[:, : self.periods] @ one_direction(direction, self.periods)
-        rows, root = self.weight_rows()
+        rows, root = self._weight_rows()
         gap, total = self._combine_ends(rows, root)
         # effect on the contacts of the rotation (times cos of the half angle) and of the displacements (times sin)
         turn, shift = gap[..., self.motions.turning], total[..., self.motions.translating]

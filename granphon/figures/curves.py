@@ -327,13 +327,6 @@ def list_parameters(dataset: Dataset) -> list[str]:
     return [str(name) for name in (*dataset["valid"].dims, *along) if name not in ("load", "medium")]
 
 
-def choose_parameter(dataset: Dataset) -> str | None:
-    """Return the parameter in numbers that has the most values, where there is one load; None where curves are over it."""
-    sizes = {name: dataset.sizes[name] for name in list_parameters(dataset) if dataset[name].dtype.kind in "fiu"}
-    most = max(sizes, key=lambda name: sizes[name], default=None)
-    return most if dataset.sizes["load"] == 1 and most is not None and sizes[most] > 1 else None
-
-
 def turn_over(dataset: Dataset, x: str | None) -> Dataset:
     """Return the data set with the parameter ``x`` in the place of the load, if it is one in numbers: curves lie over it."""
     if x not in list_parameters(dataset) or dataset[x].dtype.kind not in "fiu":
@@ -450,7 +443,9 @@ def _draw_sweep(dataset: Dataset, ax: Axes, variable: str, x: str | None) -> tup
 
     These are the colours, combinations of parameters, grey if there are several colours, and what holds for all curves.
     """
-    x = x or choose_parameter(dataset)
+    if dataset.sizes["load"] == 1:  # curves lie over the parameter in numbers that has the most values
+        numbers = {name: dataset.sizes[name] for name in list_parameters(dataset) if dataset[name].dtype.kind in "fiu"}
+        x = x or next((name for name in numbers if numbers[name] == max(numbers.values()) > 1), None)
     dataset = turn_over(dataset, x)
     x, colours = x or find_load(dataset), itertools.cycle(COLOURS)
     read_values(dataset, variable)

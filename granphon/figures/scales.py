@@ -56,6 +56,8 @@ def _open_door() -> Iterator[None]:
         records, said.buffer = said.buffer, []  # the log names the file that is at fault
         why = " ".join(record.getMessage() for record in records)
         mend = "Look at its settings (matplotlibrc, MATPLOTLIBRC) and how it is installed"
+        if isinstance(error, ModuleNotFoundError) and error.name == "matplotlib":
+            mend = "Install it: pip install matplotlib"
         raise FigureError(f"matplotlib cannot be imported: {shorten_error(error)}", why, mend) from error
     finally:
         log.removeHandler(said)

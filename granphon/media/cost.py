@@ -57,9 +57,10 @@ _FACTOR_FORCE = 0.015
 #: bytes for each ball that this takes more, without rotations and with them
 _FACTOR_BYTES = 2100.0
 _ROTATING_FACTOR_BYTES = 4900.0
-#: times of a step of a motion and of each deformation of a contact in it, s; of a step with contacts that turn, and of each;
-#: of a frame, and of each contact in it
-_MOTION_TIMES, _TURNING_TIMES, _FRAME_TIMES = (3e-5, 2.5e-8), (3e-4, 6e-7), (3e-4, 3e-7)
+#: times of a step of a motion and of each deformation of a contact in it, s; of a frame, and of each contact in it
+_MOTION_TIMES, _FRAME_TIMES = (4e-5, 3.3e-8), (4e-4, 4e-7)
+#: times of a step with contacts that turn in a plane, and in space, and of each contact in it
+_TURNING_TIMES = {2: (2e-4, 2.6e-7), 3: (4e-4, 8e-7)}
 #: times by which steps are longer with dashpots, implicit ones, and implicit ones with contacts that turn
 _MOTION_DAMPED, _IMPLICIT, _TURNING_IMPLICIT = 1.6, 7.0, 4.0
 #: bytes for each contact of a motion, and copies of what is kept
@@ -426,16 +427,17 @@ def array_waves(
 
 
 def motion(
-    steps: float, rows: int, balls: int, contacts: int, frames: int, damped: bool, exact: bool, implicit: bool
+    steps: float, rows: int, balls: int, contacts: int, frames: int, damped: bool, turning: int, implicit: bool
 ) -> Cost:  # fmt: skip
     """Estimate the cost of a motion of so many ``balls`` and ``contacts``, kept at so many times.
 
-    Each contact has so many ``rows``, kinds of deformation. ``exact`` ones turn, with all kinds, and ``implicit`` steps are
-    iterated. Seconds were measured with 100 to 120 000 contacts of a chain, the plane and fcc.
+    Each contact has so many ``rows``, kinds of deformation, or turns in 2 or 3 dimensions (``turning``, 0 if it does not),
+    with all kinds. ``implicit`` steps are iterated. Seconds were measured with 100 to 120 000 contacts of a chain, the plane
+    and fcc.
     """
-    alone, each = _TURNING_TIMES if exact else (_MOTION_TIMES[0], _MOTION_TIMES[1] * rows)
+    alone, each = _TURNING_TIMES[turning] if turning else (_MOTION_TIMES[0], _MOTION_TIMES[1] * rows)
     step = (alone + each * contacts) * (_MOTION_DAMPED if damped else 1.0)
-    step *= (_TURNING_IMPLICIT if exact else _IMPLICIT) if implicit else 1.0
+    step *= (_TURNING_IMPLICIT if turning else _IMPLICIT) if implicit else 1.0
     memory = 8.0 * frames * (15.0 * balls + 2.0 * contacts) * _MOTION_COPIES + _MOTION_CONTACT_BYTES * contacts
     known = steps * step + frames * (_FRAME_TIMES[0] + _FRAME_TIMES[1] * contacts)
     return Cost(memory, known=known, parts=(f"motion of {balls:,} balls in {steps:,.0f} steps",))

@@ -9,6 +9,7 @@ atom therefore lacks the factor exp(i q.offset) that belongs to its ball.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -64,9 +65,10 @@ def free_symbol(symbol: str, taken: Iterable[str]) -> str:
 
 
 def choose_symbols(kinds: Iterable[str]) -> dict[str, str]:
-    """Return a chemical symbol for each kind of balls, by its name: its name if that is one, else another, all different.
+    """Return a chemical symbol for each kind of balls, by its name, all different.
 
-    Where there are more kinds than symbols, all are balls of one symbol.
+    It is the name if that is one; else that with which the name begins, as Al6061 does, if it is free; else another. Where
+    there are more kinds than symbols, all are balls of one symbol.
     """
     from ase.data import chemical_symbols
 
@@ -74,8 +76,11 @@ def choose_symbols(kinds: Iterable[str]) -> dict[str, str]:
     if len(names) > len(chemical_symbols) - 1 - len(_NO_KIND):
         return dict.fromkeys(names, BALL)
     found = {name: name for name in names if name in chemical_symbols[1:] and name != _FALSE}
-    for name in names:
-        found.setdefault(name, free_symbol(BALL, (*found.values(), *_NO_KIND)))
+    begun = {name: one[0] for name in names if (one := re.match(r"[A-Z][a-z]?(?![A-Za-z])", name))}
+    begun = {name: symbol for name, symbol in begun.items() if symbol in chemical_symbols[1:]}
+    for name in (*begun, *names):
+        if name not in found:
+            found[name] = free_symbol(begun.get(name, BALL), (*found.values(), *_NO_KIND))
     return {name: found[name] for name in names}
 
 

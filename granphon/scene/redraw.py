@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from granphon.base.errors import InputError, MissingFileError
 from granphon.base.staging import ResultFiles, read_written_files
 from granphon.base.text import read_bytes, read_yaml
-from granphon.scene.run import KEPT, MOTION_FILES, SWEEP_FIGURES, draw_spectra, draw_sweep, read_summary
+from granphon.scene.run import KEPT, MOTION_FILES, SWEEP_FIGURES, draw_sweep, read_summary
 from granphon.waves.settings import NETWORK_BLOCKS
 
 if TYPE_CHECKING:
@@ -97,12 +97,14 @@ def redraw(
             from granphon.fits.transfer import read_fit
 
             return plot(read_fit(read_yaml(have["fit.yaml"])))
+        from granphon.figures.bands import bands_figure
+
         found = _read_files(str(source), have)
         if found.dataset is not None:
             return draw_sweep(found.dataset, target.name, variable)
         lattice = _find_lattice(source) if asymptotes and found.bands is not None else None
         gaps = read_summary(source).get("gaps") if (source / "summary.yaml").is_file() else None
-        return draw_spectra(found.bands, found.dos, lattice, gaps or None)
+        return bands_figure(found.bands, found.dos, asymptotes=lattice, gaps=gaps or None)
 
     return _draw(target, force, draw, [source], backend)
 

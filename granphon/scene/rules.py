@@ -604,10 +604,6 @@ def _read_edges(value: Any) -> tuple[str, str]:
     return found[0], found[-1]
 
 
-def _read_cuts(value: Any) -> tuple[Any, ...]:
-    return each(value, _read_cut, "cuts") if isinstance(value, list) else (_read_cut(value),)
-
-
 def _write_cuts(cuts: Any) -> Any:
     out = [{"axis": list(a) if isinstance(a, tuple) else a, "layers": n, "edges": " ".join(edges)} for a, n, edges in cuts]
     return (out if len(out) > 1 else out[0]) if out else None
@@ -652,10 +648,6 @@ def _write_law(law: Any) -> Any:
     raise InputError(what, "A scene file has no words for it", mend)
 
 
-def _read_any_motions(value: Any) -> str:
-    return choice(value, tuple(dict.fromkeys(name for d in (1, 2, 3) for name in allowed_motions(d))))
-
-
 STRUCTURE = Kind.plain(
     _read_structure, lambda one: None if one is None else one if isinstance(one, str) else write_lattice(one)
 )
@@ -666,12 +658,12 @@ SITES = Kind.plain(
     lambda sites: [{"kind": kind, "at": [WAY.write(x) for x in place]} for place, kind in sites] or None,
 )
 REPEAT = Kind.plain(lambda value: _read_counts(value, "numbers of cells", 1_000_000), lambda one: list(one) or None)
-CUT = Kind.plain(_read_cuts, _write_cuts)
+CUT = Kind.plain(lambda one: each(one, _read_cut, "cuts") if isinstance(one, list) else (_read_cut(one),), _write_cuts)
 REPLACE = Kind.plain(_read_replaced, lambda pairs: dict(pairs) or None)
 REMOVE = Kind.plain(_read_removed, lambda one: list(one) or None)
 SEED = Kind.plain(partial(whole, low=0))
 LAW = Kind.plain(_read_law, _write_law)
-MOTIONS = Kind.plain(_read_any_motions)
+MOTIONS = Kind.plain(partial(choice, options=tuple(dict.fromkeys(one for d in (1, 2, 3) for one in allowed_motions(d)))))
 
 
 # -- loads ------------------------------------------------------------------------------------------------------------

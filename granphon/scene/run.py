@@ -330,7 +330,9 @@ class RunResult:
 
             return plot(self.surface)
         if stem in ("bands", "dos"):
-            return draw_spectra(self.bands, self.dos, gaps=self.gaps)
+            from granphon.figures.bands import bands_figure
+
+            return bands_figure(self.bands, self.dos, gaps=self.gaps)
         return draw_sweep(self.dataset, name)
 
 
@@ -577,10 +579,3 @@ def draw_sweep(dataset: Any, name: str, variable: str | None = None) -> Any:
     from granphon.figures.curves import sweep_figure
 
     return sweep_figure(dataset) if variable is None else sweep_figure(dataset, variable=variable)
-
-
-def draw_spectra(bands: Any, dos: Any, asymptotes: Any = None, gaps: Any = None) -> Any:
-    """Draw the figure of bands, of a density of states, or of both, with the gaps that are known."""
-    from granphon.figures.bands import bands_figure
-
-    return bands_figure(bands=bands, dos=dos, asymptotes=asymptotes, gaps=gaps)

@@ -540,7 +540,7 @@ class _System:
     def _follow(self, time: float) -> tuple[Array, Array]:
         """Return the ways of moved bodies and the forces on pushed balls at a time."""
         ways, lifts = (np.array([real_number(one(time)) for one in each]) for each in (self._ways, self._lifts))
-        if not (np.all(np.isfinite(ways)) and np.all(np.isfinite(lifts))):
+        if self.drives and not (np.all(np.isfinite(ways)) and np.all(np.isfinite(lifts))):
             what = f"a drive is not a finite number at {time:.4g} s"
             raise _Stop(what) if time else InputError(what, mend="Give a function of the time that returns one")
         return ways, lifts

@@ -142,7 +142,9 @@ def _find_nearest(periods: Array, q: Array) -> Array:
     shorter = np.rint(shortest_vectors(back) @ periods.T)
     waves = q @ periods.T @ np.linalg.inv(shorter) / (2.0 * np.pi)
     around = np.floor(waves)[:, None] + np.array(list(itertools.product((-1.0, 0.0, 1.0, 2.0), repeat=len(periods))))
-    least = np.argmin(np.sum(((around - waves[:, None]) @ (shorter @ back)) ** 2, axis=-1), axis=1)
+    squares = np.sum(((around - waves[:, None]) @ (shorter @ back)) ** 2, axis=-1)
+    # of those that are equally near the first, whatever rounding says: at all loads the same
+    least = np.argmin(np.round(squares / np.sum(back**2), 9), axis=1)
     # from whole numbers, not as a step from q: then the same wave vector has the same digits, and Gamma is zero
     return np.asarray(2.0 * np.pi * (around[np.arange(len(q)), least] @ shorter) @ back + 0.0)
 

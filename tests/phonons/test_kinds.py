@@ -29,6 +29,9 @@ def salt(*names):
 def test_names_that_are_symbols_stay_and_all_are_different():
     assert choose_symbols(["Na", "Cl", "Na"]) == {"Na": "Na", "Cl": "Cl"}
     assert choose_symbols(["steel", "Fe", "glass"]) == {"steel": "Al", "Fe": "Fe", "glass": "Cu"}
+    assert choose_symbols(["steel", "Al6061", "Ti 6Al-4V"]) == {"steel": "Fe", "Al6061": "Al", "Ti 6Al-4V": "Ti"}
+    assert choose_symbols(["Al 1", "Al 2", "Aluminium"]) == {"Al 1": "Al", "Al 2": "Fe", "Aluminium": "Cu"}
+    assert choose_symbols(["Al 6061", "Al"]) == {"Al 6061": "Fe", "Al": "Al"}
     assert choose_symbols(["No"]) == {"No": "Fe"}  # YAML reads No as false
     many = choose_symbols([f"kind {n}" for n in range(100)])
     assert len(set(many.values())) == 100
