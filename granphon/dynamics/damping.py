@@ -132,21 +132,16 @@ class DampedModes(Result):
 
 
 def count_products(
-    w: Array,
-    loss: float,
-    time: float,
-    even: bool,
-    size: tuple[int, int],
-    tolerance: float,
-    has_losses: bool,
+    w: Array, loss: float, time: float, even: bool, size: tuple[int, int], tolerance: float, has_losses: bool,
     has_dashpots: bool,
-) -> Array:
+) -> Array:  # fmt: skip
     """Return how many products of D with a vector a Krylov space takes for the response (n_f,); infinite without a bound.
 
     ``w`` are frequencies over the top one, and ``loss`` and ``time``, times the top frequency, the least eta and tau. A step
     makes the error smaller by exp(-2 Im arccos(w/(1 + i g)^1/2)), g = eta + w tau, as the polynomials of Chebyshev do. It
     counts for 2 products where loss factors differ from contact to contact, for 3 where dashpots do, and for 6 with both.
-    In a network of few modes, ``size`` being the number of its motions and its dimension, these are told apart sooner.
+    In a network of few modes, ``size`` being the number of its motions and its dimension, these are told apart sooner, but
+    where dashpots differ.
     """
     least = loss + time * w
     pace = 2.0 * np.abs(np.arccos(w / np.sqrt(1.0 + 1j * least)).imag)
@@ -154,7 +149,8 @@ def count_products(
     work = 1.0 if even else (6.0 if has_losses else 3.0) if has_dashpots else 2.0
     found, known = np.full(w.shape, np.inf), (distance > 0.0) & (pace > 0.0)
     n, d = size
-    pace += 2.0 * _MODE_PACE / np.maximum(n ** (1.0 / d), n * d * w ** (d - 1))
+    if even or not has_dashpots:
+        pace += 2.0 * _MODE_PACE / np.maximum(n ** (1.0 / d), n * d * w ** (d - 1))
     found[known] = work * np.log(np.maximum(1.0 / distance[known], 1.0) / tolerance) / pace[known]
     return found
 

@@ -71,6 +71,8 @@ TOLERANCE = 1e-9
 _DEGENERATE = 1e-4
 #: most products of a space; products that the vectors of the first ones are kept for
 _MOST, _FIRST = 100_000, 256
+#: most work of factors at frequencies of which a space has not enough digits, in products times motions: half a minute
+_AGAIN = 1e9
 #: what is left, over the source, at which a solution is looked at first, and least part of it at the next time
 _LOOK, _NEXT = 1e-3, 0.02
 #: norm of what is left in a step, over the largest, at which the space holds all that D makes of the source
@@ -400,7 +402,7 @@ class _Problem:
                 values[some], error[some], steps = self._follow(omega[some], most, tolerance)
             # what arrives deep in a gap is less than the rounding of a Krylov space; factors have all of its digits
             deep = np.flatnonzero(np.isfinite(error) & (error > max(_UNSURE, tolerance)))
-            if method is None and fits and deep.size * price <= _MOST:
+            if method is None and fits and deep.size * price <= max(steps, _AGAIN / n):
                 error[deep] = np.inf
         left = np.flatnonzero(np.isinf(error))
         if left.size and (method == "krylov" or not fits):

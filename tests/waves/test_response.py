@@ -250,6 +250,24 @@ def test_krylov_space_of_unevenly_damped_contacts_gives_what_factors_give(kind):
     assert rough.steps < other.steps
 
 
+@pytest.mark.claim("response-krylov")
+@pytest.mark.parametrize(
+    "damping",
+    [
+        {"loss_factor": (0.1, 0.05)},
+        {"damping": (0.2 / OMEGA, 0.1 / OMEGA)},
+        {"damping": (0.05 / OMEGA, 0.1 / OMEGA), "loss_factor": (0.05, 0.1)},
+    ],
+)
+def test_frequencies_that_cost_most_by_a_krylov_space_are_left_to_factors(damping):
+    """Which frequencies these are is known beforehand; where contacts of a large network are damped unevenly."""
+    waves, hertz = gp.Waves(ideal("triangular", 0.8).repeat((26, 26))), np.geomspace(0.1, 2.0, 6) * HERTZ
+    direct, chosen = (waves.response(hertz, (0, "x"), (400, "y"), **damping, method=one) for one in ("direct", None))
+    assert_allclose(chosen.values, direct.values, rtol=1e-8)
+    assert 0 < chosen.factorisations <= 6
+    assert np.max(chosen.error) < 2e-9
+
+
 def test_large_network_takes_a_krylov_space_and_factors_where_nothing_is_lost():
     network = ideal("triangular", 0.8).repeat((30, 30))
     waves, hertz = gp.Waves(network), np.geomspace(0.01, 1.5, 8) * HERTZ
