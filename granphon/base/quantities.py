@@ -189,6 +189,19 @@ def _measure(unit: str) -> tuple[Fraction, Counter[str]]:
     return factor, powers  # counters are equal where they differ by zeros alone
 
 
+def is_si(unit: str, wanted: str = "") -> bool:
+    """Whether a text is a unit without a factor to SI, as "m/(N s)" or "1", not "kN"; and measures what ``wanted`` does."""
+    plain = re.sub(r"\s*(\*\*|[*/^])\s*", r"\1", unit.strip())  # pint writes "meter / second ** 2"
+    plain = re.sub(r"/\((\S+) (\S+)\)", r"/\1/\2", plain).replace(" ", "*")
+    if (none := plain in ("", "1", "rad", "radian", "dimensionless")) or not _UNIT_PATTERN.fullmatch(plain):
+        return none and wanted in ("", "1", "rad")
+    try:
+        factor, powers = _measure(plain)
+        return factor == Fraction(1000) ** powers["g"] and (not wanted or powers == _measure(wanted)[1])
+    except KeyError:
+        return False
+
+
 @cache
 def _find_unit(name: str) -> tuple[Fraction, Counter[str]]:
     singular = name.removesuffix("s") if len(name) > _PLURAL else name
