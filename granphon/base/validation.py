@@ -296,7 +296,8 @@ def find_unit_of(values: Any) -> str | None:
     """The unit that an array carries: of pint (``units``) or astropy (``unit``), or as an attribute of xarray; else None."""
     if not hasattr(values, "__array__"):
         return None
-    carried = [getattr(one, name, None) for one in (getattr(values, "data", None), values) for name in ("units", "unit")]
+    held = None if isinstance(values, np.ndarray) else getattr(values, "data", None)
+    carried = [getattr(one, name, None) for one in (held, values) for name in ("units", "unit")]
     return next((str(one) for one in carried if one is not None), None)
 
 
