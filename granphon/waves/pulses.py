@@ -877,6 +877,14 @@ def read_vector(name: str, given: Any, dimension: int) -> Array:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
+def require_moves(name: str, along: Array, network: ContactNetwork) -> None:
+    """Raise InputError unless the balls of a network move along a unit vector (3,)."""
+    axes = list(network.ball_motions.translations)
+    if abs(np.linalg.norm(along[axes]) - 1.0) > 1e-9:
+        moves, shown = " and ".join("xyz"[axis] for axis in axes), ", ".join(f"{x:.6g}" for x in along)
+        raise InputError(f"the {name} is along ({shown})", f"Balls move along {moves} only")
+
+
 def read_balls(name: str, given: Any, network: ContactNetwork) -> Index:
     """Return the indices (n,) of some balls, each once; raises InputError for others than there are."""
     balls, count = finite_array(name, given).ravel(), network.n_balls
