@@ -170,10 +170,10 @@ class Motion(Result):
     ) -> float:  # fmt: skip
         """Return the velocity, m/s, at which the greatest force, or the front of :meth:`arrivals`, passes ``contacts``.
 
-        The front is where the force has the part ``share`` of its greatest change, by default half. A straight line is fitted to distances
-        over times. Distances are along the ``direction`` (3,), by default from the first contact to the last. Raises
-        :class:`~granphon.base.errors.InputError` for fewer than two contacts, for contacts that it does not reach one
-        after another, and for a ``share`` of a peak.
+        The front is where the force has the part ``share`` of its greatest change, by default half. A straight line is
+        fitted to distances over times. Distances are along the ``direction`` (3,), by default from the first contact to the
+        last. Raises :class:`~granphon.base.errors.InputError` for fewer than two contacts, for contacts that it does not
+        reach one after another, and for a ``share`` of a peak.
         """
         at = np.asarray(contacts)
         if at.ndim != 1 or at.size < 2 or at.dtype.kind not in "iu" or np.any((at < 0) | (at >= self.forces.shape[1])):
