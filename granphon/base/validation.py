@@ -230,9 +230,9 @@ def real_numbers(values: Any, unit: str = "") -> NDArray[np.float64]:
     """Real numbers as an array of floats of any shape, finite or not.
 
     An array that carries a unit, as of pint, astropy or xarray, must have the SI ``unit``; if that is not told, one that SI
-    has without a factor. Refuses what NumPy would turn into other numbers than were meant: complex numbers, whose imaginary part would be
-    dropped; masked entries, which would become numbers again; texts and truth values; numbers too large for a float; lists
-    of different lengths; and lists that contain themselves.
+    has without a factor. Refuses what NumPy would turn into other numbers than were meant: complex numbers, whose imaginary
+    part would be dropped; masked entries, which would become numbers again; texts and truth values; numbers too large for a
+    float; lists of different lengths; and lists that contain themselves.
     """
     if type(values) is np.ndarray and values.dtype == np.float64:
         return values
