@@ -258,7 +258,7 @@ def tabulate(
 
 def find_dataset(result: Any) -> Dataset | None:
     """Return the data set of states, all in SI, that a result is, or has as its ``dataset``; None if there is none."""
-    found = getattr(result, "dataset", result)
+    found: Dataset = getattr(result, "dataset", result)
     if not (hasattr(found, "data_vars") and "valid" in found):
         return None
     for name, values in found.variables.items():
