@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.base.errors import InputError, Refused, brief
+from granphon.base.quantities import NUMBER, is_si
 from granphon.base.text import closest, show
 
 Rule = Callable[[Any], Any]
@@ -163,6 +164,15 @@ def number(value: Any, low: float, high: float) -> float:
     return _number_where(value, f"a plain number from {low:g} to {high:g}", lambda x: low <= x <= high)
 
 
+def fraction(value: Any, largest: float) -> float:
+    """Read a plain number, or a text of one or of a fraction such as "1/3", of up to a ``largest`` size."""
+    if isinstance(value, str):
+        if parts := re.fullmatch(r"([-+]?[0-9]{1,9})/(0*[1-9][0-9]{0,8})", value):
+            return int(parts[1]) / int(parts[2])
+        value = float(value) if re.fullmatch(NUMBER, value) else value
+    return number(value, -largest, largest) + 0.0
+
+
 def above_zero(value: Any, unit: str = "") -> float:
     """A finite number above zero, in an SI ``unit``."""
     return _number_where(value, "a finite number above zero" + (unit and f", {unit}"), lambda x: 0.0 < x < math.inf)
@@ -237,12 +247,9 @@ def real_numbers(values: Any, unit: str = "") -> NDArray[np.float64]:
     if type(values) is np.ndarray and values.dtype == np.float64:
         return values
     why = mend = ""
-    if (own := find_unit_of(values)) is not None:
-        from granphon.base.quantities import is_si  # which imports this module
-
-        if not is_si(own, unit):
-            mend = "Give plain numbers, as x.to_base_units().magnitude of pint."
-            raise Refused(f"numbers in {own}", f"numbers in {unit or 'SI units'}", mend)
+    if (own := find_unit_of(values)) is not None and not is_si(own, unit):
+        mend = "Give plain numbers, as x.to_base_units().magnitude of pint."
+        raise Refused(f"numbers in {own}", f"numbers in {unit or 'SI units'}", mend)
     if _is_masked(values):
         why, mend = "which has masked entries", "Leave them out, as .compressed() does."
     else:
