@@ -596,7 +596,7 @@ def _explain_unreadable(path: str | os.PathLike[str], why: str) -> InputError:
 def _try_elsewhere(path: str | os.PathLike[str], data: bytes) -> None:
     """Open a file without a digest in a separate process first: HDF5 may hang, or crash, on a damaged file."""
     if data.startswith(b"CDF") and b"granphon motion" in data:
-        mend = f"Read it with gp.Motion.read, and draw it by gp.plot, or by 'granphon plot {Path(path).parent}'"
+        mend = f"Draw it in Python, gp.plot(gp.Motion.read({str(path)!r}))"
         raise InputError(f"{path} is not a sweep", "It is a motion", mend)
     if not data.startswith(b"\x89HDF\r\n\x1a\n"):
         raise _explain_unreadable(path, "It is not a netCDF-4 file")
