@@ -166,14 +166,14 @@ class Motion(Result):
 
     def pulse_velocity(
         self, contacts: Sequence[int], direction: ArrayLike | None = None, of: Literal["peak", "front"] = "peak",
-        share: float = 0.5,
+        share: float | None = None,
     ) -> float:  # fmt: skip
         """Return the velocity, m/s, at which the greatest force, or the front of :meth:`arrivals`, passes ``contacts``.
 
-        The front is where the force has the part ``share`` of its greatest change. A straight line is fitted to distances
-        over times. Distances are along the ``direction`` (3,), by default from the first contact to the last. Raises
-        :class:`~granphon.base.errors.InputError` for fewer than two contacts, and for contacts that it does not reach one
-        after another.
+        The front is where the force has the part ``share`` of its greatest change, by default half. A straight line is
+        fitted to distances over times. Distances are along the ``direction`` (3,), by default from the first contact to the
+        last. Raises :class:`~granphon.base.errors.InputError` for fewer than two contacts, for contacts that it does not
+        reach one after another, and for a ``share`` of a peak.
         """
         at = np.asarray(contacts)
         if at.ndim != 1 or at.size < 2 or at.dtype.kind not in "iu" or np.any((at < 0) | (at >= self.forces.shape[1])):
@@ -181,11 +181,13 @@ class Motion(Result):
             raise InputError(what, mend=f"Give two or more of the numbers 0 to {self.forces.shape[1] - 1}")
         if of not in ("peak", "front"):
             raise InputError(f"of is {brief(of)}", mend='Give "peak" or "front"')
+        if share is not None and of == "peak":
+            raise InputError(f"share is {brief(share)}, and a peak has none", mend='Give of="front" too')
         places = self.middles[at] - self.middles[at[0]]
         along = places[-1] if direction is None else np.asarray(direction, float)
         if along.shape != (3,) or not 0.0 < (size := float(np.linalg.norm(along))) < np.inf:
             raise InputError(f"direction is {brief(direction)}", mend="Give three numbers, not all zero")
-        times = (self.peaks()[0] if of == "peak" else self.arrivals(share))[at]
+        times = (self.peaks()[0] if of == "peak" else self.arrivals(0.5 if share is None else share))[at]
         spread = times - np.mean(times)
         if not np.all(np.isfinite(times)) or not np.any(spread):
             raise InputError("the pulse does not pass these contacts one after another", mend="Run for longer")
