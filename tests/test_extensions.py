@@ -50,6 +50,10 @@ def test_an_observable_that_fails_is_named_and_breaks_nothing_else(tmp_path):
     assert bands.run(tmp_path / "one", figures=False).summary()["twice"] == 18.0
     with pytest.raises(InputError, match=r"'broken' fails: ZeroDivisionError.*do not observe it"):
         Scene(PACKING, Load("force", (9.0,)), media=("ala",), observe=("broken",)).run(tmp_path / "two")
+    blocks = "material: {young_modulus: 200 GPa, poisson_ratio: 0.3, density: 7.8 g/cm^3}\npacking: {diameter: 8 mm}\n"
+    scene = Scene.from_text(f"{blocks}load: {{force: [1 N, 2 N]}}\nobserve: [velocities, broken]\n")
+    with pytest.raises(InputError, match=r": observe: [^;]*'broken' fails"):
+        scene.run(tmp_path / "three")
 
 
 def test_a_scene_that_observes_one_pays_for_the_velocities_that_it_is_found_from(tmp_path):
@@ -100,7 +104,7 @@ def test_a_lattice_and_a_medium_are_known_to_sweeps():
     data = gp.sweep(PACKING, force=[3.0], media=("ala", "equal"), lattice=["triangular", "two rows"])
     np.testing.assert_allclose(data["longitudinal"].values, data["longitudinal"].values.flat[0], rtol=1e-13)
     assert triangular is LATTICES["triangular"]
-    with pytest.raises(InputError, match="there is a medium 'ema' already, of granphon"):
+    with pytest.raises(InputError, match="the medium 'ema' exists already, of granphon"):
         gp.register_medium(type("Other", (gp.AveragedLattice,), {"name": "ema"}))
     gp.register_medium(type("Again", (Equal,), {"name": "equal"}))  # the program replaces its own
 
@@ -119,10 +123,13 @@ def test_a_reader_that_fails_is_named():
 @pytest.mark.parametrize(
     ("register", "told"),
     [
-        (lambda: gp.register_observable("two words", "1", "x", len), "'two words' has the unit '1'"),
+        (lambda: gp.register_observable("two words", "1", "x", len), "the name 'two words'. Give a word"),
+        (lambda: gp.register_observable("one", "furlongzz", "x", len), "the unit 'furlongzz'. Give"),
+        (lambda: gp.register_observable("one", "km/s", "x", len), "the unit 'km/s'. Give"),
+        (lambda: gp.register_observable("one", "1", 7, len), "the words 7. Give a text"),
         (lambda: gp.register_observable("one", "1", "x", 3), "3 finds no observable"),
         (lambda: gp.register_observable("one", "1", "x", len, cost="bands"), "cost: found 'bands'"),
-        (lambda: gp.register_observable("force", "N", "x", len), "there is a observable|observable 'force' already"),
+        (lambda: gp.register_observable("force", "N", "x", len), "the observable 'force' exists already"),
         (lambda: gp.register_law("mine", object()), "is no contact law"),
         (lambda: gp.register_law("mine", Soft(1.0), part=""), "'mine' is made already"),
         (lambda: gp.register_lattice("fcc"), "'fcc' is no lattice"),

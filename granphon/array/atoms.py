@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from granphon.balls.packing import Packing
 from granphon.base.errors import InputError, brief, needing
 from granphon.base.scales import Units
+from granphon.base.staging import write_text
 from granphon.base.text import require_path
 
 if TYPE_CHECKING:
@@ -204,8 +205,10 @@ def write_extxyz(path: str | Path, atoms: Atoms) -> None:
 
     ASE's own writer keeps eight decimals. For balls of 8 mm that is 0.1 nm in positions, displacements and diameters, and
     forces depend on differences of these. Masses stand there twice, as ``masses`` for ASE and as ``mass`` for OVITO. Results
-    of the calculator are not written. The folder is made if need be. Raises
-    :class:`InputError` if ``atoms`` is not an Atoms or ``path`` is not a path.
+    of the calculator are not written. The folder is made if need be; a file that is there is replaced.
+
+    Raises :class:`InputError` if ``atoms`` is not an Atoms or ``path`` is not a path, and
+    :class:`~granphon.base.errors.OutputError` where it cannot be written.
     """
     with needing("A structure file"):
         from ase import Atoms
@@ -221,7 +224,5 @@ def write_extxyz(path: str | Path, atoms: Atoms) -> None:
     header, _, _, row = output_column_format(atoms, list(arrays), arrays)
     row = row.replace("%16.8f", "%.17g")
     columns = [column for a in arrays.values() for column in (a.T if a.ndim > 1 else a[None])]
-    Path(path).parent.mkdir(parents=True, exist_ok=True)
-    with Path(path).open("w", encoding="utf-8") as file:
-        file.write(f"{len(atoms)}\n{header}\n")
-        file.writelines(row % numbers for numbers in zip(*(column.tolist() for column in columns), strict=True))
+    rows = (row % numbers for numbers in zip(*(column.tolist() for column in columns), strict=True))
+    write_text(path, f"{len(atoms)}\n{header}\n" + "".join(rows))

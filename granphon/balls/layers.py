@@ -106,13 +106,14 @@ class Layers:
 
 def read_axis(value: Any) -> Any:
     """Read the number of a vector of a cell, or Miller indices, as a scene has them; raises Refused for another value."""
-    if is_whole(value):
-        return whole(value, 0, 2)
     words = value
     if isinstance(value, str):
         words = [int(one) if one.removeprefix("-").isdecimal() else one for one in value.split()]
+    if is_whole(value) and 0 <= value <= 2:
+        return int(value)
     if not isinstance(words, list | tuple):
-        raise Refused(show(value), "the number of a vector of the cell, 0 to 2, or Miller indices, as 1 1 0")
+        allowed = "the number of a vector of the cell, 0 to 2 (on a chain 0, in a layer 0 or 1), or Miller indices, as 1 1 0"
+        raise Refused(show(value), allowed)
     return each(words, partial(whole, low=-100, high=100), "Miller indices")
 
 

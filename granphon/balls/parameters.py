@@ -53,10 +53,11 @@ class Axis:
         """Make an axis from one value or a list of them; :class:`InputError` for an unknown name or a wrong value."""
         kind, _, own = name.rpartition(".")
         if own not in (KIND_PARAMETERS if kind else PARAMETERS):
-            guess = closest(name, PARAMETERS)
+            known = [f"{kind}.{one}" for one in KIND_PARAMETERS] if kind else list(PARAMETERS)
+            guess = closest(name, known)
             raise InputError(
-                f"a packing has no parameter {name!r}",
-                "It has " + ", ".join(PARAMETERS),
+                f"{'a kind of ball' if kind else 'a packing'} has no parameter {name!r}",
+                "It has " + ", ".join(known),
                 f"Did you mean {guess}?" if guess else "Use one of these",
             )
         listed = given if isinstance(given, list | tuple) else (given,)

@@ -146,6 +146,10 @@ class StoppedEarlyWarning(UserWarning):
     interrupted = False
 
 
+class LimitWarning(UserWarning):
+    """A motion goes beyond a limit of its model."""
+
+
 class UnverifiedFileWarning(UserWarning):
     """A file without a digest was read: nothing shows whether it is still as it was written."""
 

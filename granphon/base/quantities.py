@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from granphon.base.errors import Refused
 from granphon.base.text import closest, show
-from granphon.base.validation import number
 
 if TYPE_CHECKING:
     import numpy as np
@@ -189,6 +188,19 @@ def _measure(unit: str) -> tuple[Fraction, Counter[str]]:
     return factor, powers  # counters are equal where they differ by zeros alone
 
 
+def is_si(unit: str, wanted: str = "") -> bool:
+    """Whether a text is a unit without a factor to SI, as "m/(N s)" or "1", not "kN"; and measures what ``wanted`` does."""
+    plain = re.sub(r"\s*(\*\*|[*/^])\s*", r"\1", unit.strip())  # pint writes "meter / second ** 2"
+    plain = re.sub(r"/\((\S+) (\S+)\)", r"/\1/\2", plain).replace(" ", "*")
+    if (none := plain in ("", "1", "rad", "radian", "dimensionless")) or not _UNIT_PATTERN.fullmatch(plain):
+        return none and wanted in ("", "1", "rad")
+    try:
+        factor, powers = _measure(plain)
+        return factor == Fraction(1000) ** powers["g"] and (not wanted or powers == _measure(wanted)[1])
+    except KeyError:
+        return False
+
+
 @cache
 def _find_unit(name: str) -> tuple[Fraction, Counter[str]]:
     singular = name.removesuffix("s") if len(name) > _PLURAL else name
@@ -259,12 +271,3 @@ def find_load_unit(kind: str, periods: int, pressed_axes: int | None = None) -> 
     """Return the SI unit of a kind of load; empty if it has none. A pressure acts along the ``pressed_axes``."""
     quantities = load_quantities(pressed_axes or periods) | tensor_quantities(periods)
     return quantities[kind].unit.removeprefix("1")
-
-
-def fraction(value: Any, largest: float) -> float:
-    """Read a plain number, or a text of one or of a fraction such as "1/3", of up to a ``largest`` size."""
-    if isinstance(value, str):
-        if parts := re.fullmatch(r"([-+]?[0-9]{1,9})/(0*[1-9][0-9]{0,8})", value):
-            return int(parts[1]) / int(parts[2])
-        value = float(value) if re.fullmatch(NUMBER, value) else value
-    return number(value, -largest, largest) + 0.0

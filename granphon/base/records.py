@@ -11,13 +11,14 @@ import os
 import struct
 import warnings
 from collections.abc import Mapping
-from types import TracebackType
-from typing import Any, BinaryIO, Self
+from io import BytesIO
+from pathlib import Path
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.errors import InputError, MissingFileError, OutputError
+from granphon.base.errors import InputError, MissingFileError, OutputError, StoppedEarlyWarning
 
 Array = NDArray[Any]
 #: marks of lists in a header, and of a type of doubles
@@ -100,11 +101,24 @@ class RecordFile:
         """Close the file."""
         self._file.close()
 
-    def __enter__(self) -> Self:
-        return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self.close()
+def _mend(path: str | os.PathLike[str], name: str) -> BytesIO | None:
+    """Return the data of a file that was cut, with a header that counts the records that are whole; None of others."""
+    from scipy.io import netcdf_file
+
+    try:
+        data, size = Path(path).read_bytes(), {False: 0, True: 0}
+        with netcdf_file(BytesIO(data[:4] + struct.pack(">i", 1) + data[8:]), "r") as file:
+            for one in file.variables.values():
+                size[one.isrec] += 8 * one.data.size
+            count = (len(data) - file.fp.tell() - size[False]) // size[True]
+        (said,) = struct.unpack(">i", data[4:8])
+    except Exception:  # of data that may be anything
+        return None
+    if not 0 < count < said:
+        return None
+    warnings.warn(f"{name} was cut: {count} of its {said} records are whole", StoppedEarlyWarning, stacklevel=4)
+    return BytesIO(data[:4] + struct.pack(">i", count) + data[8:])
 
 
 def read_records(
@@ -116,7 +130,8 @@ def read_records(
     be an open binary file too, which is read into memory.
 
     Raises :class:`~granphon.base.errors.InputError` for a file that is not there, that is no such file, or about which its
-    texts say something else than ``about``.
+    texts say something else than ``about``. Of a file that was cut the records that are whole are read into memory, with a
+    :class:`~granphon.base.errors.StoppedEarlyWarning`.
     """
     from scipy.io import netcdf_file
 
@@ -139,4 +154,6 @@ def read_records(
     except (OSError, TypeError, ValueError, KeyError, AttributeError, IndexError, struct.error) as error:
         if isinstance(error, InputError):
             raise
+        if isinstance(path, str | os.PathLike) and (whole := _mend(path, name)) is not None:
+            return read_records(whole, about, frames)
         raise InputError(f"{name} is not a file of records: {error}") from None

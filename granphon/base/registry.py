@@ -47,7 +47,7 @@ class Registry(Mapping[str, T]):
         require(f"the name of a {self.what}", label, name)
         source = _plugins.loading or _PROGRAM
         if (holder := self._sources.get(name, source)) != source:
-            what = f"there is a {self.what} {name!r} already, of {holder}"
+            what = f"the {self.what} {name!r} exists already, of {holder}"
             raise InputError(what, mend="Give another name")
         self._entries[name], self._sources[name] = entry, source
         return entry

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.base.errors import InputError, Refused, brief
+from granphon.base.quantities import NUMBER, is_si
 from granphon.base.text import closest, show
 
 Rule = Callable[[Any], Any]
@@ -165,6 +166,15 @@ def number(value: Any, low: float, high: float) -> float:
     return _number_where(value, f"a plain number from {low:g} to {high:g}", lambda x: low <= x <= high)
 
 
+def fraction(value: Any, largest: float) -> float:
+    """Read a plain number, or a text of one or of a fraction such as "1/3", of up to a ``largest`` size."""
+    if isinstance(value, str):
+        if parts := re.fullmatch(r"([-+]?[0-9]{1,9})/(0*[1-9][0-9]{0,8})", value):
+            return int(parts[1]) / int(parts[2])
+        value = float(value) if re.fullmatch(NUMBER, value) else value
+    return number(value, -largest, largest) + 0.0
+
+
 def above_zero(value: Any, unit: str = "") -> float:
     """A finite number above zero, in an SI ``unit``."""
     return _number_where(value, "a finite number above zero" + (unit and f", {unit}"), lambda x: 0.0 < x < math.inf)
@@ -228,16 +238,20 @@ def lengths(value: Any, low: int, high: int, periods: int | None = None) -> tupl
 # -- arrays of numbers ----------------------------------------------------------------------------------------------
 
 
-def real_numbers(values: Any) -> NDArray[np.float64]:
+def real_numbers(values: Any, unit: str = "") -> NDArray[np.float64]:
     """Real numbers as an array of floats of any shape, finite or not.
 
-    Refuses what NumPy would turn into other numbers than were meant: complex numbers, whose imaginary part would be
-    dropped; masked entries, which would become numbers again; texts and truth values; numbers too large for a float; lists
-    of different lengths; and lists that contain themselves.
+    An array that carries a unit, as of pint, astropy or xarray, must have the SI ``unit``; if that is not told, one that SI
+    has without a factor. Refuses what NumPy would turn into other numbers than were meant: complex numbers, whose imaginary
+    part would be dropped; masked entries, which would become numbers again; texts and truth values; numbers too large for a
+    float; lists of different lengths; and lists that contain themselves.
     """
     if type(values) is np.ndarray and values.dtype == np.float64:
         return values
     why = mend = ""
+    if (own := find_unit_of(values)) is not None and not is_si(own, unit):
+        mend = "Give plain numbers, as x.to_base_units().magnitude of pint."
+        raise Refused(f"numbers in {own}", f"numbers in {unit or 'SI units'}", mend)
     if _is_masked(values):
         why, mend = "which has masked entries", "Leave them out, as .compressed() does."
     else:
@@ -265,7 +279,7 @@ def real_numbers(values: Any) -> NDArray[np.float64]:
 
 def finite_numbers(values: Any, unit: str = "", low: str = "") -> NDArray[np.float64]:
     """One or more finite numbers in an SI ``unit``; ``low`` is "above zero", "zero or above", or empty for any sign."""
-    array = real_numbers(values)
+    array = real_numbers(values, unit)
     holds = {"above zero": array > 0.0, "zero or above": array >= 0.0, "": True}[low] & np.isfinite(array)
     if array.size and np.all(holds):
         return array
@@ -299,6 +313,15 @@ def number_list(values: Any) -> tuple[float, ...]:
 def finite_number_list(values: Any, unit: str = "", low: str = "") -> tuple[float, ...]:
     """One finite number or a list of them, as plain floats; see :func:`finite_numbers`."""
     return number_list(finite_numbers(values, unit, low))
+
+
+def find_unit_of(values: Any) -> str | None:
+    """The unit that an array carries: of pint (``units``) or astropy (``unit``), or as an attribute of xarray; else None."""
+    if not hasattr(values, "__array__"):
+        return None
+    held = None if isinstance(values, np.ndarray) else getattr(values, "data", None)
+    carried = [getattr(one, name, None) for one in (held, values) for name in ("units", "unit")]
+    return next((str(one) for one in carried if one is not None), None)
 
 
 def _is_real(value: Any) -> bool:

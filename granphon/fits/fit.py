@@ -502,7 +502,7 @@ class WidthFit(Fitted, Result):
         asked = self.waves.finite_overlap and not self.choice.is_exact
         waves = replace(self.waves, finite_overlap=choice.has_finite_overlap(asked))
         if choice.stand_in != choice:
-            forces = real_array("force", force)
+            forces = real_array("force", force, "N")
             model = VelocityModel(self.packing, ("width",), choice, forces.ravel(), waves)
             start = model.find_start(self.packing.width)
             return model.settle_geometry(start)(start)[0].reshape(forces.shape)[()]
@@ -598,7 +598,7 @@ def fit_width(
         frequency that the medium cannot carry; the medium "auto"; a lattice without such waves, or without such a medium
         for balls that differ; samples of so few balls that the parameters of round after round differ.
     """
-    data = Measurements(real_array("force", force), real_array("velocity", velocity), sigma, frequency)
+    data = Measurements(real_array("force", force, "N"), real_array("velocity", velocity, "m/s"), sigma, frequency)
     names = texts("parameters", parameters)
     choice = MediumChoice.parse(medium, packing.structure)
     if "width" not in names and not packing.width:

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from granphon.balls.parameters import PARAMETERS
 from granphon.base.errors import InputError, brief, one_line
+from granphon.base.quantities import is_si
 from granphon.base.registry import Registry
 from granphon.base.validation import choice, require
 from granphon.media.arrangement import Balls
@@ -442,13 +443,17 @@ def register_observable(
 
     Returns its entry. A scene that names it in ``observe`` finds what it asks for. Where ``find`` fails, or returns what has
     not the shape of the load, the result leaves it out with a warning that names it; if a scene observes it, that is an
-    error. Raises :class:`InputError` for a name that is taken, or is no such word, for a unit that is no text, and for a
+    error. Raises :class:`InputError` for a name that is taken, or is no such word, for what is no unit of SI, and for a
     ``find`` that cannot be called.
     """
-    texts: tuple[Any, ...] = (name, unit, words)
-    if not (all(isinstance(one, str) for one in texts) and name.isidentifier()):
-        what = f"the observable {brief(name)} has the unit {brief(unit)} and the words {brief(words)}"
-        raise InputError(what, mend="Give a word of letters, digits and underscores, and two texts")
+    good: dict[str, tuple[Any, Callable[[str], bool], str]] = {
+        "name": (name, str.isidentifier, "a word of letters, digits and underscores"),
+        "unit": (unit, is_si, 'a unit of SI without a factor, such as "N/m", or "1"'),
+        "words": (words, bool, "a text"),
+    }
+    for what, (given, holds, allowed) in good.items():
+        if not (isinstance(given, str) and holds(given)):
+            raise InputError(f"an observable cannot have the {what} {brief(given)}", mend=f"Give {allowed}")
     require("cost", partial(choice, options=("state", "velocities", "exponent")), cost)
     if not callable(find):
         raise InputError(f"{brief(find)} finds no observable", mend="Give a function of an Analysis")

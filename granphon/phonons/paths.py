@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import Lattice
 from granphon.base.errors import InputError, Refused, brief, needing
-from granphon.base.quantities import NUMBER, fraction
+from granphon.base.quantities import NUMBER
 from granphon.base.text import closest, counted, show
-from granphon.base.validation import real_array, require, texts, whole_number
+from granphon.base.validation import fraction, real_array, require, texts, whole_number
 from granphon.dynamics.compatibility import require_digits
 from granphon.dynamics.zone_quadrature import shortest_vectors
 

@@ -28,10 +28,11 @@ from granphon.balls.packing import Packing
 from granphon.balls.parameters import PARAMETERS
 from granphon.base.errors import InputError, InstabilityError, MechanismError, needing
 from granphon.base.progress import Progress, silent
-from granphon.base.quantities import LIGHT_VELOCITY, LOAD_KINDS, find_load_unit
+from granphon.base.quantities import LIGHT_VELOCITY, LOAD_KINDS, find_load_unit, is_si
 from granphon.base.results import restore
 from granphon.base.tables import Heading, write_table
 from granphon.base.text import closest, damage_error, digest, read_bytes, require_schema, show, versions, warn_unverified
+from granphon.base.validation import find_unit_of
 from granphon.dynamics.long_waves import voigt_names
 from granphon.media.arrangement import Balls
 from granphon.media.left_out import EXACT, LATTICE
@@ -256,9 +257,15 @@ def tabulate(
 
 
 def find_dataset(result: Any) -> Dataset | None:
-    """Return the data set of states that a result is, or has as its ``dataset``; None if there is none."""
-    found = getattr(result, "dataset", result)
-    return found if hasattr(found, "data_vars") and "valid" in found else None
+    """Return the data set of states, all in SI, that a result is, or has as its ``dataset``; None if there is none."""
+    found: Dataset = getattr(result, "dataset", result)
+    if not (hasattr(found, "data_vars") and "valid" in found):
+        return None
+    for name, values in found.variables.items():
+        if not is_si(own := str(find_unit_of(values) or values.attrs.get("units", ""))):
+            what = f"{name} of the data set is in {own}"
+            raise InputError(what, "Variables have SI units", "Convert it back (.pint.to), or plot it with xarray")
+    return found
 
 
 def find_load(dataset: Dataset) -> str:
@@ -588,6 +595,9 @@ def _explain_unreadable(path: str | os.PathLike[str], why: str) -> InputError:
 
 def _try_elsewhere(path: str | os.PathLike[str], data: bytes) -> None:
     """Open a file without a digest in a separate process first: HDF5 may hang, or crash, on a damaged file."""
+    if data.startswith(b"CDF") and b"granphon motion" in data:
+        mend = f"Read it with gp.Motion.read, and draw it by gp.plot, or by 'granphon plot {Path(path).parent}'"
+        raise InputError(f"{path} is not a sweep", "It is a motion", mend)
     if not data.startswith(b"\x89HDF\r\n\x1a\n"):
         raise _explain_unreadable(path, "It is not a netCDF-4 file")
     # -I isolates the process: files of the current folder, such as a sitecustomize.py, are not run when Python starts. It

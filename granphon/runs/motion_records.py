@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from granphon.array.sample import standard_error
-from granphon.base.errors import ConvergenceError, InputError, StoppedEarlyWarning
+from granphon.base.errors import ConvergenceError, InputError, LimitWarning, StoppedEarlyWarning
 from granphon.base.tables import Heading, table_text
 from granphon.media.crystal import CrystalState
 from granphon.media.state import NetworkStates
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.waves.motion import Motion
 from granphon.waves.nonlinear import Drive, NonlinearWaves
-from granphon.waves.pulses import read_balls, read_vector
+from granphon.waves.pulses import read_balls, read_vector, require_moves
 from granphon.waves.settings import MotionSettings
 
 Array = NDArray[np.float64]
@@ -36,6 +36,10 @@ OVER_TIME = tuple(f"motion_{name}" for name in ("translation", "rotation", "stor
 _WITH_ERRORS = NUMBERS[:3]
 #: part of the greatest change of a force below which nothing has come to a contact
 _STILL = 1e-3
+#: part of the greatest force at rest below which a change may be rounding
+_ROUNDING = 1e-10
+#: least number of steps in a period of a shaker
+_PER_PERIOD = 10
 #: parts of the greatest distance between which velocities are read, and the least correlation of a line
 _BETWEEN, _STRAIGHT = (0.25, 0.75), 0.9
 
@@ -61,39 +65,51 @@ class PreparedMotion:
     waves : the balls and their law.
     drives : :class:`~granphon.Drive`, in turn, without impacts.
     velocities : (n, 3) those that impacts give, m/s.
+    notes : what the motion warned of, in sentences.
     """
 
     def __init__(self, x: Any, settings: MotionSettings) -> None:
         network = settings.shape(given_network(x))
-        self.settings = settings
+        self.settings, self.notes = settings, list[str]()
         self.waves = make_waves(x, network, settings)
         self.drives, self.velocities = list[Drive](), np.zeros((network.n_balls, 3))
         for one in settings.drive:
             balls = read_balls("balls of the drive", one.find_balls(network), network)
             along = np.eye(network.dimension)[0] if one.direction is None else one.direction
             vector = read_vector("direction of the drive", along, network.dimension)
+            require_moves("drive", vector, network)
             if one.impact is None:
                 moved: Any = one.shaker or one.displacement
                 self.drives.append(Drive(balls, vector, displacement=moved, force=one.force))
-            elif np.all(network.moving[balls]):
-                self.velocities[balls] += one.impact * vector
             else:
-                raise InputError("an impact on a body that is held", mend="Give it a shaker or a displacement")
+                self.velocities[balls] += one.impact * vector
+        led = [np.flatnonzero(~network.moving), *(one.balls for one in self.drives if one.displacement is not None)]
+        if np.any(self.velocities[np.concatenate(led)]):
+            raise InputError("an impact on a body that is held or displaced", mend="Give it a shaker or a displacement")
+        shaken = max((one.shaker.frequency for one in settings.drive if one.shaker is not None), default=0.0)
+        if shaken:
+            step = settings.step or self.waves.find_step(float(np.linalg.norm(self.velocities, axis=1).max()))
+            if min(step, settings.duration / (settings.frames - 1)) * shaken * _PER_PERIOD > 1.0:
+                what = f"a shaker has the frequency {shaken:.4g} Hz, and steps have {step:.3g} s"
+                raise InputError(what, f"A period would have fewer than {_PER_PERIOD} steps", "Give a shorter step")
 
     def run(self) -> Motion:
         """Let the balls move; :class:`~granphon.base.errors.ConvergenceError` for a motion that ends before its time."""
         of = self.settings
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always", LimitWarning)
             # its frames would not be those of other loads and samples
             warnings.simplefilter("error", StoppedEarlyWarning)
             try:
-                return self.waves.run(
+                motion = self.waves.run(
                     of.duration, None, self.velocities, self.drives, frames=of.frames, step=of.step, scheme=of.scheme
                 )
             except StoppedEarlyWarning as stopped:
                 if stopped.interrupted:
                     raise KeyboardInterrupt from None
                 raise ConvergenceError(str(stopped), mend="Give a shorter duration, or a weaker drive") from None
+        self.notes = [str(one.message) for one in told]
+        return motion
 
 
 def find_source(settings: MotionSettings, network: ContactNetwork) -> Index:
@@ -128,7 +144,8 @@ class Passage(NamedTuple):
         images = (network.positions[source] + (cells @ network.cell)[:, None]).reshape(-1, 3)
         distances = np.asarray(cKDTree(images).query(motion.middles)[0])
         change = np.abs(motion.forces - motion.forces[0]).max(axis=0)
-        moved = change > _STILL * max(float(change.max(initial=0.0)), 1e-300)
+        least = _STILL * float(change.max(initial=0.0)), _ROUNDING * float(motion.forces[0].max(initial=0.0)), 1e-300
+        moved = change > max(least)
         peaks, heights = motion.peaks()
         at = np.argmax(motion.forces, axis=0)
         arrivals = np.where(moved, motion.arrivals(), np.nan)
@@ -149,7 +166,8 @@ def _fit_velocity(distances: Array, times: Array) -> float:
 
 def record_motion(x: Any, settings: MotionSettings) -> tuple[dict[str, Array], dict[str, Callable[[], bytes]]]:
     """Let the array of a state, sample or network move; return what is kept of it, and what makes the bytes of its file."""
-    motion = PreparedMotion(x, settings).run()
+    prepared = PreparedMotion(x, settings)
+    motion = prepared.run()
     passage = Passage.of(motion, find_source(settings, motion.network))
     supplied = motion.work + motion.energy[0]
     numbers = {
@@ -159,6 +177,7 @@ def record_motion(x: Any, settings: MotionSettings) -> tuple[dict[str, Array], d
     }  # fmt: skip
     over_time = (motion.translation, motion.rotation, motion.stored, motion.lost, supplied, motion.forces.max(axis=1))
     kept = {name: np.array(float(value)) for name, value in numbers.items()} | {"motion": np.array(over_time)}
+    kept["motion_note"] = np.array(" ".join(prepared.notes))
 
     def write() -> bytes:
         stream = io.BytesIO()
@@ -169,8 +188,11 @@ def record_motion(x: Any, settings: MotionSettings) -> tuple[dict[str, Array], d
 
 
 def average_motions(records: Sequence[Mapping[str, Array]], _: MotionSettings) -> tuple[dict[str, Array], list[str]]:
-    """Return means over samples of what :func:`record_motion` keeps, standard errors, and a note of velocities not known."""
-    out, notes = dict(zip(OVER_TIME, np.mean([one["motion"] for one in records], axis=0), strict=True)), list[str]()
+    """Return means over samples of what :func:`record_motion` keeps, standard errors, and notes."""
+    out = dict(zip(OVER_TIME, np.mean([one["motion"] for one in records], axis=0), strict=True))
+    said = [str(one["motion_note"]) for one in records if str(one["motion_note"])]
+    of = f"{len(said)} of {len(records)} samples, such as one: " if len(records) > 1 else ""
+    notes = [of + one for one in said[:1]]
     for name in NUMBERS:
         every = np.array([float(one[name]) for one in records])
         known = every[np.isfinite(every)]

@@ -38,7 +38,6 @@ from granphon.base.quantities import (
     WAY,
     WIDTH,
     Quantity,
-    fraction,
     load_quantities,
     tensor_quantities,
 )
@@ -49,6 +48,7 @@ from granphon.base.validation import (
     block,
     choice,
     each,
+    fraction,
     frequencies,
     grid,
     is_one_of,

@@ -76,6 +76,8 @@ _REFERENCE_SIDES = {2: 64, 3: 14}
 _LOADED_SIDES = {2: 32, 3: 8}
 #: sides, in diameters, of the sample that a sparse LU solves as well, as a check
 _CHECKED_SIDES = {2: 24, 3: 6}
+#: number of samples between two checks whether the reference is good enough
+_SAMPLES_BETWEEN_LOOKS = 8
 #: a reference can judge a point if the error of the point is at least this many times that of the reference
 BETTER = 100.0
 #: least number of timed runs of a point
@@ -392,7 +394,7 @@ class MediaStudy:
             samples.add()
             step.advance()
             longest, count = max(longest, now() - start), samples.samples
-            if count >= _LEAST_SAMPLES and count % 8 == 0 and better(summarize()):
+            if count >= _LEAST_SAMPLES and count % _SAMPLES_BETWEEN_LOOKS == 0 and better(summarize()):
                 break
         if samples.samples < _LEAST_SAMPLES:
             taken = write_duration(now() - begun)

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.base.errors import InputError, Refused
-from granphon.base.quantities import FREQUENCY, LENGTH, PUSH, SINCE, VELOCITY, WAY, Quantity, fraction
+from granphon.base.quantities import FREQUENCY, LENGTH, PUSH, SINCE, VELOCITY, WAY, Quantity
 from granphon.base.tables import Table
 from granphon.base.text import show
-from granphon.base.validation import Rule, above_zero, block, choice, each, number, whole, zero_or_above
+from granphon.base.validation import Rule, above_zero, block, choice, each, fraction, number, whole, zero_or_above
 from granphon.networks.network import ContactNetwork
 
 Array = NDArray[np.float64]

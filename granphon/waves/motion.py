@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, fields
 from itertools import chain
 from typing import Any, BinaryIO, Literal, Self
@@ -82,10 +83,13 @@ class Motion(Result):
         """Return the motion in a file of a run or of :meth:`write`, or some of its ``frames``; the run may still go on.
 
         Arrays over frames stay in the file, as :class:`numpy.memmap`: what is used of them is read then, so that a motion
-        may be larger than the memory. An open binary file is read whole.
+        may be larger than the memory. An open binary file is read whole, and of a file that was cut the frames that are
+        whole, with a :class:`~granphon.base.errors.StoppedEarlyWarning`.
 
         Raises :class:`~granphon.base.errors.InputError` for a file that is not there, or that is of another kind or schema.
         """
+        if not isinstance(frames, slice):
+            raise InputError(f"frames is {brief(frames)}", mend="Give a slice, such as slice(0, 10)")
         found, about = read_records(path, _ABOUT, frames)
         try:
             own = {name.removeprefix("network_"): found.pop(name) for name in list(found) if name.startswith("network_")}
@@ -101,18 +105,22 @@ class Motion(Result):
         return motion
 
     def write(self, path: str | os.PathLike[str] | BinaryIO) -> None:
-        """Write a netCDF file, or to an open binary file, for :meth:`read`.
+        """Write a netCDF file, or to an open binary file, for :meth:`read`. A motion at the path is replaced.
 
-        Raises :class:`~granphon.base.errors.OutputError` where it cannot be written.
+        Raises :class:`~granphon.base.errors.InputError` for what is no path, and
+        :class:`~granphon.base.errors.OutputError` where something else than a motion is there, or cannot be written.
         """
+        if not hasattr(path, "write"):
+            _require_place(path)
+            with _write_beside(path) as beside, open(beside, "wb") as stream:
+                self.write(stream)
+            return
         names = [name for name, layout in self._shapes.items() if layout[0] == "f"]
         frames = ({name: getattr(self, name)[at] for name in names} for at in range(len(self.times)))
         first = next(frames)
         file = _begin_file(path, self.network, self.step, self.met, first)
         for frame in chain([first], frames):
             file.append(frame)
-        if isinstance(path, str | os.PathLike):
-            file.close()
 
     @property
     def energy(self) -> Array:
@@ -158,14 +166,14 @@ class Motion(Result):
 
     def pulse_velocity(
         self, contacts: Sequence[int], direction: ArrayLike | None = None, of: Literal["peak", "front"] = "peak",
-        share: float = 0.5,
+        share: float | None = None,
     ) -> float:  # fmt: skip
         """Return the velocity, m/s, at which the greatest force, or the front of :meth:`arrivals`, passes ``contacts``.
 
-        The front is where the force has the part ``share`` of its greatest change. A straight line is fitted to distances
-        over times. Distances are along the ``direction`` (3,), by default from the first contact to the last. Raises
-        :class:`~granphon.base.errors.InputError` for fewer than two contacts, and for contacts that it does not reach one
-        after another.
+        The front is where the force has the part ``share`` of its greatest change, by default half. A straight line is
+        fitted to distances over times. Distances are along the ``direction`` (3,), by default from the first contact to the
+        last. Raises :class:`~granphon.base.errors.InputError` for fewer than two contacts, for contacts that it does not
+        reach one after another, and for a ``share`` of a peak.
         """
         at = np.asarray(contacts)
         if at.ndim != 1 or at.size < 2 or at.dtype.kind not in "iu" or np.any((at < 0) | (at >= self.forces.shape[1])):
@@ -173,11 +181,13 @@ class Motion(Result):
             raise InputError(what, mend=f"Give two or more of the numbers 0 to {self.forces.shape[1] - 1}")
         if of not in ("peak", "front"):
             raise InputError(f"of is {brief(of)}", mend='Give "peak" or "front"')
+        if share is not None and of == "peak":
+            raise InputError(f"share is {brief(share)}, and a peak has none", mend='Give of="front" too')
         places = self.middles[at] - self.middles[at[0]]
         along = places[-1] if direction is None else np.asarray(direction, float)
         if along.shape != (3,) or not 0.0 < (size := float(np.linalg.norm(along))) < np.inf:
             raise InputError(f"direction is {brief(direction)}", mend="Give three numbers, not all zero")
-        times = (self.peaks()[0] if of == "peak" else self.arrivals(share))[at]
+        times = (self.peaks()[0] if of == "peak" else self.arrivals(0.5 if share is None else share))[at]
         spread = times - np.mean(times)
         if not np.all(np.isfinite(times)) or not np.any(spread):
             raise InputError("the pulse does not pass these contacts one after another", mend="Run for longer")
@@ -234,11 +244,8 @@ class Frames:
         self._frames: list[dict[str, Any]] = []
         self._file: RecordFile | None = None
         self._count, self.last_time = 0, 0.0
-        if path is not None and os.path.exists(path):
-            try:
-                read_records(path, _ABOUT)
-            except InputError:
-                raise OutputError(f"{os.fspath(path)} is there, and is no motion of granphon", mend="Give another") from None
+        if path is not None:
+            _require_place(path)
 
     def __len__(self) -> int:
         return self._count
@@ -271,16 +278,16 @@ class Frames:
             self._file.append(whole)
             return
         # columns are of a fixed number in a file: it is written anew, and then takes the place of the one before
-        beside, before = f"{os.fspath(self._path)}.new", dict[str, Any]()
+        before = dict[str, Any]()
         if self._file is not None:
             self._file.close()
             before = read_records(self._path, _ABOUT)[0]
-        self._file = _begin_file(beside, self._network, self._step, self._met, whole)
-        for at in range(self._count - 1):
-            self._file.append({name: _pad(before[name][at], np.shape(last)) for name, last in whole.items()})
-        self._file.append(whole)
-        del before  # some systems do not replace a file that is in use
-        os.replace(beside, self._path)
+        with _write_beside(self._path) as beside:
+            self._file = _begin_file(beside, self._network, self._step, self._met, whole)
+            for at in range(self._count - 1):
+                self._file.append({name: _pad(before[name][at], np.shape(last)) for name, last in whole.items()})
+            self._file.append(whole)
+            del before  # some systems do not replace a file that is in use
 
     @property
     def _met(self) -> Index:
@@ -295,6 +302,32 @@ class Frames:
             name: np.array([_pad(one[name], np.shape(last[name])) for one in self._frames]) for name in last
         }
         return Motion(**stacked, network=self._network, met=self._met, step=self._step)
+
+
+def _require_place(path: Any) -> None:
+    """Raise unless a motion may be written to a path: there is nothing, or a motion."""
+    if not isinstance(path, str | os.PathLike) or not os.fspath(path):
+        raise InputError(f"the file of a motion is {brief(path)}", mend="Give a path")
+    if os.path.exists(path):
+        try:
+            read_records(path, _ABOUT)
+        except InputError:
+            raise OutputError(f"{os.fspath(path)} is there, and is no motion of granphon", mend="Give another") from None
+
+
+@contextmanager
+def _write_beside(path: str | os.PathLike[str]) -> Iterator[str]:
+    """Give the path of a file that takes the place of that at ``path`` when it is written; it is removed if that fails."""
+    beside = f"{os.fspath(path)}.new"
+    try:
+        yield beside
+        os.replace(beside, path)
+    except BaseException as error:
+        with suppress(OSError):
+            os.remove(beside)
+        if isinstance(error, OSError) and not isinstance(error, OutputError):
+            raise OutputError(f"{os.fspath(path)} cannot be written: {error.strerror}") from None
+        raise
 
 
 def _begin_file(path: Any, network: ContactNetwork, step: float, met: Index, frame: Mapping[str, Any]) -> RecordFile:

@@ -34,18 +34,19 @@ from granphon.balls import hertz
 from granphon.balls.ball import RIGID_PLANE
 from granphon.balls.contact_laws import DMT, JKR, Hertz, PowerLaw, law_between
 from granphon.balls.hertz import HertzLaw
-from granphon.base.errors import InputError, StoppedEarlyWarning, brief
+from granphon.base.errors import InputError, LimitWarning, StoppedEarlyWarning, brief
 from granphon.base.progress import Progress, silent
 from granphon.base.validation import choice, not_negative, positive, real_array, real_number, require, whole_number
 from granphon.dynamics.damping import ContactDamping
 from granphon.media.crystal import Crystal, CrystalState
+from granphon.media.limits import check_limit
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.waves.contact_forces import ContactForces, PairLaws, Powers, Touch
 from granphon.waves.directions import FixedDirections, PlaneDirections, TrueDirections
 from granphon.waves.motion import Frames, Motion
 from granphon.waves.neighbours import find_neighbours, orient
 from granphon.waves.operator import WaveOperator
-from granphon.waves.pulses import read_balls, read_vector
+from granphon.waves.pulses import read_balls, read_vector, require_moves
 from granphon.waves.settings import GEOMETRIES, SCHEMES
 
 Array = NDArray[np.float64]
@@ -221,10 +222,12 @@ class NonlinearWaves:
 
         A run that Ctrl-C stops, one whose balls leave their places by half of their diameter (geometry "lattice"), or one
         for whose contacts the given ``step`` becomes too long, ends there with a
-        :class:`~granphon.base.errors.StoppedEarlyWarning`, and returns what there is.
+        :class:`~granphon.base.errors.StoppedEarlyWarning`, and returns what there is. Where contacts become wider than the
+        law allows (:func:`~granphon.validity`), there is a :class:`~granphon.base.errors.LimitWarning`.
 
-        Raises :class:`~granphon.base.errors.InputError` for shapes and numbers that are not allowed, a drive of nothing, a
-        force on a body that is held, and a ``step`` too long for the stiffest contact; and
+        Raises :class:`~granphon.base.errors.InputError` for shapes and numbers that are not allowed, a drive of nothing or
+        along which balls do not move, a force on a body that is held, a start that moves a body that is held or that a drive
+        displaces, and a ``step`` too long for the stiffest contact; and
         :class:`~granphon.base.errors.OutputError` where ``file`` is something else than a motion, or cannot be written.
         """
         length, count = positive("duration", duration, "s"), whole_number("frames", frames, 2)
@@ -243,14 +246,15 @@ class NonlinearWaves:
         stable = system.choose_step(x, 0.5 * float(np.max(np.sum(system.operator.values(v) ** 2, axis=1), initial=0.0)))
         wanted = stable if step is None else positive("step", step, "s")
         if wanted * _LEAST_STEPS > _STEPS * stable:
-            what = f"the step of {wanted:.3g} s is too long for the stiffest contact"
+            what = f"the step of {wanted:.3g} s is too long for the stiffest contact, or its damping"
             raise InputError(what, "It would not be stable", "Leave step out")
         least = wanted * 2.0**-_HALVINGS
         while True:
             each = max(1, math.ceil(length / (count - 1) / wanted))
             if each * (count - 1) > _MOST_STEPS:
                 what = f"the run takes {each * (count - 1):.3g} steps"
-                raise InputError(what, f"More than {_MOST_STEPS:.0e} are not made", "Give a shorter duration")
+                mend = "Give a shorter duration, or less damping"
+                raise InputError(what, f"More than {_MOST_STEPS:.0e} are not made", mend)
             network, exact = self.network, length / (count - 1) / each
             kept = Frames(network, exact, file)
             stopped = ""
@@ -266,6 +270,8 @@ class NonlinearWaves:
             if stopped == _TOO_LONG and step is None and wanted > least:
                 wanted *= 0.5
                 continue
+            if (sentence := check_limit("contact_radius", system.widest).warning) is not None:
+                warnings.warn(f"in the motion {sentence[0].lower()}{sentence[1:].rstrip('.')}", LimitWarning, stacklevel=2)
             if stopped:
                 at = kept.last_time
                 early = StoppedEarlyWarning(f"the motion ends after {at:.4g} s of {length:.4g} s: {stopped}")
@@ -309,6 +315,7 @@ class _System:
                 raise InputError(f"drive is {brief(one)}", mend="Give a Drive with a displacement or a force")
             balls = read_balls("drive", one.balls, network)
             along = read_vector("direction", one.direction, network.dimension)
+            require_moves("drive", along, network)
             if one.force is not None and not np.all(network.moving[balls]):
                 raise InputError("a force acts on a body that is held", mend="Give its displacement")
             if one.displacement is not None:
@@ -346,7 +353,10 @@ class _System:
 
     def _set(self, i: Index, j: Index, shift: Index) -> None:
         """Let contacts be those of the network and some more."""
-        waves, normal = self.waves, self.waves.normal
+        waves, normal, radii = self.waves, self.waves.normal, self.network.radii
+        ends = np.append(self.network.i, i), np.append(self.network.j, j)
+        # Hertz's radius of a contact over that of the smaller ball, over the root of the overlap
+        self._wide = _root_radius(radii, *ends) / np.minimum(*(radii[end] for end in ends))
         if waves.geometry == "exact":
             normal = waves._join_laws(i, j) if len(i) else normal
             rest = waves.normal.rest
@@ -383,6 +393,9 @@ class _System:
         columns = operator.motions.turning if turns else operator.motions.translating
         if values.shape[1] <= max(axes, default=0):
             raise InputError(f"{name} has the shape {values.shape}", mend=f"Give ({network.n_balls}, 3)")
+        if np.any(fast := np.any(values, axis=1) & ~network.moving):
+            what = f"{name} of ball {np.flatnonzero(fast)[0]} are not zero"
+            raise InputError(what, "It is held, or is displaced by a drive, whatever acts on it", "Let them be zero")
         weight = np.sqrt((network.inertias if turns else network.masses)[operator.balls])[:, None]
         out[:, columns] = values[operator.balls][:, list(axes)] * weight
         return np.asarray(operator.vector(out))
@@ -403,16 +416,25 @@ class _System:
         _, stiffness = normal.press(np.minimum(-deep, e))
         if np.any(self.waves.gravity):  # what a ball of this network falls by its own size presses
             stiffness = np.maximum(stiffness, self.network.normal_stiffness)
-        top = self.fixed.top(stiffness)
+        top = self._top(stiffness)
         if not top > 0.0:
             raise InputError("no contact is pressed, and no ball moves", "There is no time scale", "Give a step")
         return 2.0 * math.pi / _STEPS / top
+
+    def _top(self, stiffness: Array) -> float:
+        """Return a bound of the rates, rad/s, of contacts of a normal ``stiffness``: of oscillation w and of damping.
+
+        Dashpots slow motions down at the rate tau w^2. Steps h are stable for tau w^2 h < 1, and for w h < 2.
+        """
+        top = self.fixed.top(stiffness)
+        return max(top, 2.0 * float(np.max(self.waves.damping, initial=0.0)) * top**2)
 
     def integrate(
         self, x: Array, v: Array, step: float, each: int, count: int, scheme: str, kept: Frames
     ) -> Any:  # fmt: skip
         """Make ``count`` frames of ``each`` steps, and yield after each whether it is kept."""
         self._begin()
+        self.widest = 0.0
         x, v = x.copy(), v.copy()
         ways, lifts = self._follow(0.0)
         if np.any(ways):
@@ -423,7 +445,7 @@ class _System:
         nothing = np.zeros(self.network.n_contacts)
         at_rest = self.forces.springs(np.concatenate([nothing[None], where.held]), self.forces.normal.press(nothing)[1])
         start, worked = self.forces.springs(touch.pull, touch.k), np.zeros(3)  # of slips, dashpots and drives
-        limit = (2.0 * math.pi / _LEAST_STEPS / step) ** 2
+        limit = 2.0 * math.pi / _LEAST_STEPS / step
         # balls that may meet are listed anew when one has moved by half of the margin
         skin = _SKIN * 2.0 * float(np.mean(self.network.radii[self.network.moving]))
         travelled = math.inf
@@ -432,6 +454,8 @@ class _System:
             square, springs = v * v, self.forces.springs(touch.pull, touch.k)
             stored = float(np.sum(self.forces.normal.store(touch.e))) + springs - at_rest - float(self._weight @ x)
             normal = self.forces.normal
+            wide = self._wide * np.sqrt(np.maximum(normal.overlap - touch.e, 0.0))
+            self.widest = max(self.widest, float(np.max(wide, initial=0.0)))
             forces = np.where(normal.is_closed(touch.e), touch.pull[0] + normal.rest, 0.0)
             shears = np.sqrt(np.sum(touch.pull[1 : 1 + self.where.slips] ** 2, axis=0))
             u, speeds = self._to_balls(x, False), self._to_balls(v, False)
@@ -528,14 +552,14 @@ class _System:
                 worked[2] += float(0.5 * (lifts + new_lifts) @ (self._push @ moved_x))
             ways, lifts = new_ways, new_lifts
             if number % each == 0:
-                if not (self.fixed.top(touch.k) ** 2 <= limit and np.all(np.isfinite(v))):
+                if not (self._top(touch.k) <= limit and np.all(np.isfinite(v))):
                     raise _Stop(_TOO_LONG)
                 keep(number)
                 yield True
                 if self.waves.geometry == "lattice":
                     away = float(np.max(np.abs(self._to_balls(x, False)), initial=0.0))
                     if not away < _AWAY * 2.0 * float(np.mean(self.network.radii[self.network.moving])):
-                        raise _Stop(f"a ball has left its place by {away:.3g} m, and contacts keep their directions")
+                        raise _Stop(f"a ball has left its place by {away:.3g} m, which needs geometry: exact")
 
     def _follow(self, time: float) -> tuple[Array, Array]:
         """Return the ways of moved bodies and the forces on pushed balls at a time."""

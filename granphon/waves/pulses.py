@@ -877,12 +877,21 @@ def read_vector(name: str, given: Any, dimension: int) -> Array:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
+def require_moves(name: str, along: Array, network: ContactNetwork) -> None:
+    """Raise InputError unless the balls of a network move along a unit vector (3,)."""
+    axes = list(network.ball_motions.translations)
+    if abs(np.linalg.norm(along[axes]) - 1.0) > 1e-9:
+        moves, shown = " and ".join("xyz"[axis] for axis in axes), ", ".join(f"{x:.6g}" for x in along)
+        raise InputError(f"the {name} is along ({shown})", f"Balls move along {moves} only")
+
+
 def read_balls(name: str, given: Any, network: ContactNetwork) -> Index:
     """Return the indices (n,) of some balls, each once; raises InputError for others than there are."""
     balls, count = finite_array(name, given).ravel(), network.n_balls
     whole = np.all((balls == np.rint(balls)) & (balls >= 0) & (balls < count))
     if not whole or len(set(balls)) < balls.size:
-        raise InputError(f"{name} is {brief(given)}", f"Balls have the indices 0 to {count - 1}")
+        found = brief(balls.tolist() if balls.size > 1 else float(balls[0]))
+        raise InputError(f"{name}: found {found}", f"Balls have the indices 0 to {count - 1}", "Give each ball once")
     return balls.astype(int)
 
 

@@ -54,7 +54,7 @@ from granphon.dynamics.damping import ContactDamping, count_products
 from granphon.networks.network import ContactNetwork
 from granphon.waves.modes import PIVOT
 from granphon.waves.operator import WaveOperator
-from granphon.waves.pulses import Course, read_balls, read_push, read_vector
+from granphon.waves.pulses import Course, read_balls, read_push, read_vector, require_moves
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -284,7 +284,7 @@ class _Places:
     def find(self, name: str, given: Any, held: bool = False) -> tuple[Index, Array]:
         """Return balls (n,) and unit vectors (n, 3) of a source or receiver, or of a list of these."""
         network, several = self.network, given if isinstance(given, list) else [given]
-        axes, balls, vectors = list(network.ball_motions.translations), [np.zeros(0, int)], [np.zeros((0, 3))]
+        balls, vectors = [np.zeros(0, int)], [np.zeros((0, 3))]
         for one in several:
             if isinstance(one, str) and one == "plane":
                 found, vector = self._find_plane(name, held), read_push(network, self.along, self.polarisation)
@@ -293,9 +293,7 @@ class _Places:
             else:
                 mend = "Give (ball, direction), (balls, direction), 'plane', or a list of these"
                 raise InputError(f"the {name} is {brief(one)}", mend=mend)
-            if abs(np.linalg.norm(vector[axes]) - 1.0) > 1e-9:
-                moves, shown = " and ".join("xyz"[axis] for axis in axes), ", ".join(f"{x:.6g}" for x in vector)
-                raise InputError(f"the {name} is along ({shown})", f"Balls move along {moves} only")
+            require_moves(name, vector, network)
             balls.append(found)
             vectors.append(np.tile(vector, (len(found), 1)))
         every = np.concatenate(balls)

@@ -696,9 +696,9 @@ def test_a_run_in_the_exact_geometry_says_that_overlap_is_finite(tmp_path, monke
     known = result.state.contact_lattice()
     drawn = []
 
-    def draw(asymptotes, **given):
+    def draw(*found, asymptotes, **given):
         drawn.append(asymptotes)
-        return bands_figure(asymptotes=asymptotes, **given)
+        return bands_figure(*found, asymptotes=asymptotes, **given)
 
     monkeypatch.setattr("granphon.figures.bands.bands_figure", draw)
     redraw(tmp_path / "out", tmp_path / "x.png", asymptotes=True)

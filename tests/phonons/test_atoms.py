@@ -17,7 +17,7 @@ from ase.optimize import BFGS, FIRE
 from ase.vibrations import VibrationsData
 
 import granphon as gp
-from granphon.base.errors import InputError
+from granphon.base.errors import InputError, OutputError
 from tests.phonons import conftest
 from tests.phonons.conftest import DIAMETER, STEEL
 
@@ -359,6 +359,8 @@ def test_write_extxyz_keeps_every_digit(tmp_path):
     assert ":radius:R:1:" in header
     assert ":force:" not in header
     assert ":contact_force:R:1:" in header
+    with pytest.raises(OutputError, match="is a folder"):
+        gp.write_extxyz(tmp_path, balls)
     # ASE's own writer keeps the eight digits that the guard needs, and not those of forces
     ase.io.write(tmp_path / "ase.extxyz", balls)
     rough = ase.io.read(tmp_path / "ase.extxyz")

@@ -67,3 +67,25 @@ def test_pint_xarray_knows_the_units(swept):
     speed = (found["bulk"] / found["effective_density"]) ** 0.5 / found["longitudinal"]
     assert speed.pint.to("1").pint.magnitude.shape == swept["bulk"].shape
     assert {name for name in found.data_vars if found[name].pint.units is None} == set()
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_what_is_not_in_si_is_refused(swept):
+    pint = pytest.importorskip("pint")
+    pytest.importorskip("pint_xarray")
+    unit = pint.UnitRegistry()
+    chain = gp.Crystal.on("chain", [gp.Ball(STEEL, 8e-3)])
+    for medium in (chain, gp.AveragedLattice(gp.Packing(STEEL, 8e-3))):
+        for force in (0.02 * unit.kN, np.array([0.02]) * unit.kN, swept["force"].assign_attrs(units="kN")):
+            with pytest.raises(InputError, match=r"numbers in (kilonewton|kN); allowed: numbers in SI units\. Give plain"):
+                medium.at_force(force)
+        medium.at_force(20.0 * unit.N)
+        medium.at_force(swept["force"])
+    slow = swept.assign(longitudinal=swept.pint.quantify()["longitudinal"].pint.to("km/s"))
+    for data in (slow, slow.pint.dequantify()):
+        with pytest.raises(InputError, match=r"longitudinal of the data set is in kilometer / second.*\.pint\.to"):
+            data.granphon.plot()
+    with pytest.raises(InputError, match="velocity: found numbers in kilometer / second; allowed: numbers in m/s"):
+        swept.granphon.fit(swept["force"], slow["longitudinal"].sel(medium="ema"))
+    with pytest.raises(InputError, match="force: found numbers in m; allowed: numbers in N"):
+        swept.granphon.fit(swept["overlap"].sel(medium="ema"), swept["longitudinal"].sel(medium="ema"))

@@ -79,7 +79,10 @@ def client():
     """A client of two worker processes."""
     with (
         distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, memory_limit="1 GB", scheduler_kwargs=workers._NO_DASHBOARD
+            n_workers=2,
+            threads_per_worker=1,
+            memory_limit="1 GB",
+            scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
         ) as cluster,
         distributed.Client(cluster, set_as_default=False) as client,
     ):

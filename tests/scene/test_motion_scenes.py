@@ -245,6 +245,12 @@ def test_samples_of_a_simulation_move_and_are_averaged(tmp_path):
         ("{balls: 99, impact: 1 m/s}", "Balls have the indices 0 to 20"),
         ("{balls: lower, impact: 1 m/s}", "an impact on a body that is held"),
         ("{balls: lower, force: {time: [0 s, 1 us], force: [0 N, 1 N]}}", "a force acts on a body that is held"),
+        (
+            "[{balls: 2, shaker: {amplitude: 1 um, frequency: 1 kHz}}, {balls: 2, impact: 1 m/s}]",
+            "a body that is held or displaced",
+        ),
+        ("{balls: 2, impact: 1 m/s, direction: 0 0 1}", "Balls move along x and y only"),
+        ("{balls: 2, shaker: {amplitude: 1 nm, frequency: 1 THz}}", "A period would have fewer than 10 steps"),
         ("{balls: middle, impact: 1 m/s}", "lower, upper"),
         ("{balls: 2, impact: 1 kg}", "velocity"),
         ("{balls: 2, impact: 1 m/s, direction: 0 0}", "not all zero"),
@@ -283,6 +289,13 @@ def test_what_is_refused(change, said, tmp_path):
     with pytest.raises(InputError, match=said) as caught:
         scene(PLANE.replace(*change), DRIVE="{balls: 2, impact: 0.2 m/s}").run(tmp_path, figures=False)
     assert "motion" in str(caught.value)
+
+
+def test_an_impact_beyond_hertz_law_is_noted(tmp_path):
+    result = scene(CHAIN + "  geometry: exact\n", FORCE="1 N", LAYERS="4", SPEED="300 m/s", TIME="20 us", FRAMES="11").run(
+        tmp_path, figures=False
+    )
+    assert any("the radius of a contact is" in one and "in the motion" in one for one in result.warnings)
 
 
 def test_a_ball_that_flies_away_ends_the_run(tmp_path):

@@ -87,6 +87,8 @@ def test_sweeps_in_python_take_crystals():
         gp.sweep(crystal, pressure=[1e5], **{"A.diameter": [0.019]})
     with pytest.raises(InputError, match=r"no parameter 'B\.mass'"):
         gp.sweep(crystal, pressure=[1e5], **{"B.mass": [0.019]})
+    with pytest.raises(InputError, match=r"no parameter 'A\.colour'. It has .*A\.young_modulus"):
+        gp.sweep(crystal, pressure=[1e5], **{"A.colour": [1.0]})
     with pytest.raises(InputError, match=r"the medium is 'ema'.*Take crystal"):
         gp.sweep(crystal, pressure=[1e5], media="ema")
     with pytest.raises(InputError, match="Balls of several kinds"):

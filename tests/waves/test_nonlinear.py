@@ -6,6 +6,7 @@ import math
 import signal
 import subprocess
 import sys
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +15,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import granphon as gp
-from granphon.base.errors import InputError, OutputError, StoppedEarlyWarning
+from granphon.base.errors import InputError, LimitWarning, OutputError, StoppedEarlyWarning
 from tests.networks.test_cuts import D, bulk
 
 ROOT = Path(__file__).parents[2]
@@ -335,6 +336,86 @@ def test_only_a_motion_is_replaced(tmp_path):
     assert other.read_text() == "1, 2"
     with pytest.raises(OutputError, match="no motion"):
         waves.run(1e-5, file=tmp_path)
+
+
+def test_only_a_motion_is_written_over(tmp_path):
+    """One check for both ways to write; what cannot be written leaves no part of a file."""
+    waves, path, other = gp.NonlinearWaves(line(10.0, 4)), tmp_path / "motion.nc", tmp_path / "mine.nc"
+    other.write_text("mine")
+    waves.run(1e-5, frames=3, file=path)
+    motion = gp.Motion.read(path)
+    motion.write(path)  # whose arrays lie in this very file
+    assert gp.Motion.read(path) == waves.run(1e-5, frames=3)
+    with pytest.raises(OutputError, match="no motion"):
+        motion.write(other)
+    assert other.read_text() == "mine"
+    for write in (motion.write, lambda file: waves.run(1e-5, file=file)):
+        for nothing in ("", 5):
+            with pytest.raises(InputError, match="the file of a motion is"):
+                write(nothing)
+        with pytest.raises(OutputError, match="cannot be written"):
+            write(tmp_path / "none" / "motion.nc")
+    assert {one.name for one in tmp_path.iterdir()} == {"motion.nc", "mine.nc"}
+
+
+def test_whole_frames_of_a_file_that_was_cut(tmp_path):
+    waves, path = gp.NonlinearWaves(line(10.0, 4)), tmp_path / "motion.nc"
+    whole = waves.run(1e-5, velocities=push(waves.network, 0.1), frames=41)
+    whole.write(path)
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) * 3 // 4])
+    with pytest.warns(StoppedEarlyWarning, match=r"motion.nc was cut: \d+ of its 41 records are whole"):
+        part = gp.Motion.read(path)
+    assert 20 < len(part.times) < 35
+    for name in ("times", "displacements", "forces"):
+        assert np.array_equal(getattr(part, name), getattr(whole, name)[: len(part.times)])
+    path.write_bytes(data[:500])
+    with pytest.raises(InputError, match="is not a file of records"):
+        gp.Motion.read(path)
+    with pytest.raises(InputError, match="frames is 3"):
+        gp.Motion.read(path, frames=3)
+
+
+def test_contacts_that_become_wider_than_their_law_allows():
+    """Two balls that meet at the speed v: overlap^(5/2) = 5 m v^2/8 c (K. L. Johnson, 1985), at the centre of mass."""
+    network = replace(line(1e-6, 2), motions="longitudinal")
+    waves = gp.NonlinearWaves(network)
+    c = network.normal_force[0] / waves.overlap[0] ** 1.5
+    for speed, wide in ((0.5, False), (30.0, True)):
+        depth = (0.625 * network.masses[0] * speed**2 / c) ** 0.4
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            waves.run(8.0 * depth / speed, velocities=push(network, speed), frames=2001)
+        assert len(told) == wide
+        if wide:
+            assert told[0].category is LimitWarning
+            share = float(str(told[0].message).split(" is ")[1].split(" %")[0]) / 100.0
+            assert_allclose(share, math.sqrt(depth / D), rtol=1e-3)
+
+
+def test_a_dashpot_that_is_stronger_than_its_spring():
+    """Steps resolve the rate of dashpots: v falls as exp(-2 tau k t/m) where springs are weak against them."""
+    network = line(10.0, 2)
+    k, m = network.normal_stiffness[0], network.masses[0]
+    tau = 100.0 * math.sqrt(m / k)
+    rate = 2.0 * tau * k / m
+    motion = gp.NonlinearWaves(network, damping=tau).run(5.0 / rate, velocities=push(network, 1e-4), frames=11)
+    apart = motion.velocities[:, 0, 0] - motion.velocities[:, 1, 0]
+    assert_allclose(apart, 1e-4 * np.exp(-rate * motion.times), atol=1e-7)
+    with pytest.raises(InputError, match="less damping"):
+        gp.NonlinearWaves(network, damping=1.0).run(1e-3, velocities=push(network, 1.0))
+
+
+def test_a_start_that_cannot_be():
+    """What is held, displaced by a drive, or has no such motion is not moved in silence."""
+    waves = gp.NonlinearWaves(line(10.0, 4))
+    still = gp.Drive(0, (1, 0, 0), displacement=lambda _: 0.0)
+    with pytest.raises(InputError, match=r"velocities of ball 0 are not zero\. It is held, or is displaced"):
+        waves.run(1e-5, velocities=push(waves.network, 1.0), drive=still)
+    waves.run(1e-5, velocities=push(waves.network, 1.0, 1), drive=still, frames=2)
+    for kind in ("force", "displacement"):
+        with pytest.raises(InputError, match=r"the drive is along .*Balls move along x only"):
+            waves.run(1e-5, drive=gp.Drive(0, (0, 1, 0), **{kind: lambda _: 0.0}))
 
 
 def test_a_file_of_a_motion_whose_program_was_killed_can_be_read(tmp_path):

@@ -195,7 +195,8 @@ def test_scattering_lengths_of_exact_falls():
         ({"loss_factor": -0.1}, "loss_factor"), ({"damping": -1.0}, "damping"), ({"left": 3}, "no network"),
         ({"right": "fcc"}, "motions"), ({"middle": "wide"}, "does not fit"), ({"middle": "periodic"}, "does not fit"),
         ({"middle": "smooth"}, "motions"), ({"middle": "shifted"}, "do not stand"), ({"frequencies": [1e300]}, "up to"),
-        ({"middle": "floor"}, "stand between"), ({"middle": "clamped"}, "stand between"), ({"middle": "wider"}, "does not fit"),
+        ({"middle": "floor"}, "stand between"), ({"middle": "clamped"}, "stand between"),
+        ({"middle": "wider"}, "does not fit"),
     ],
 )  # fmt: skip
 def test_bad_input_is_one_error(change, words):
