@@ -50,6 +50,10 @@ def test_an_observable_that_fails_is_named_and_breaks_nothing_else(tmp_path):
     assert bands.run(tmp_path / "one", figures=False).summary()["twice"] == 18.0
     with pytest.raises(InputError, match=r"'broken' fails: ZeroDivisionError.*do not observe it"):
         Scene(PACKING, Load("force", (9.0,)), media=("ala",), observe=("broken",)).run(tmp_path / "two")
+    blocks = "material: {young_modulus: 200 GPa, poisson_ratio: 0.3, density: 7.8 g/cm^3}\npacking: {diameter: 8 mm}\n"
+    scene = Scene.from_text(f"{blocks}load: {{force: [1 N, 2 N]}}\nobserve: [velocities, broken]\n")
+    with pytest.raises(InputError, match=r": observe: [^;]*'broken' fails"):
+        scene.run(tmp_path / "three")
 
 
 def test_a_scene_that_observes_one_pays_for_the_velocities_that_it_is_found_from(tmp_path):

@@ -23,16 +23,16 @@ class GranphonError(Exception):
     """Root of every error that granphon raises on purpose.
 
     ``load_index`` is the index, among several loads, of the one that cannot be carried; None if the error is not about a
-    load. It is kept when the error comes back from a worker process. ``block`` is the name of the block of a scene that the
-    error is about, as motion; None if it is not known. ``option`` is the name of the option of a medium that
-    the error is about, as the start of a loading; None if it is about none. ``reached`` is what was found at the loads
+    load. It is kept when the error comes back from a worker process. ``block`` holds the keys that lead to the part of a
+    scene that the error is about, as ("motion",); None if it is not known. ``option`` is the name of the option of a medium
+    that the error is about, as the start of a loading; None if it is about none. ``reached`` is what was found at the loads
     of a path before the error, a state or the data set of a sweep; None if there is none.
 
     It is made of sentences: what is wrong and where, why it matters, how to mend it; its text is their :func:`message`.
     """
 
     load_index: int | None = None
-    block: str | None = None
+    block: tuple[str, ...] | None = None
     option: str | None = None
     reached: Any = None
 

@@ -27,6 +27,8 @@ from granphon.base.text import closest, show
 Rule = Callable[[Any], Any]
 Value = TypeVar("Value")
 Options = ParamSpec("Options")
+#: highest frequency, Hz, far above that of any contact: its powers stay within the range of floats
+HIGHEST_FREQUENCY = 1e30
 #: the deepest nesting of lists: NumPy's arrays have no more dimensions
 _DEEPEST = 64
 
@@ -286,6 +288,20 @@ def finite_numbers(values: Any, unit: str = "", low: str = "") -> NDArray[np.flo
     raise Refused(found, " ".join(filter(None, ("one or more finite numbers", low))) + (unit and f", {unit}"))
 
 
+def frequencies(values: Any, low: str = "zero or above", in_order: bool = True) -> NDArray[np.float64]:
+    """Frequencies (n,), Hz, of which none is above :data:`HIGHEST_FREQUENCY`; ``in_order``: each above the one before."""
+    array = finite_numbers(values, "Hz", low)
+    if array.ndim > 1:
+        raise Refused(f"frequencies of the shape {array.shape}", "a list of them, (n,)")
+    array = np.atleast_1d(array)
+    if (most := float(array.max())) > HIGHEST_FREQUENCY:
+        raise Refused(f"{most:.9g} Hz", f"frequencies up to {HIGHEST_FREQUENCY:g} Hz")
+    if in_order and (wrong := np.flatnonzero(np.diff(array) <= 0.0)).size:
+        one, following = array[wrong[0] : wrong[0] + 2].tolist()
+        raise Refused(f"{following:.9g} Hz after {one:.9g} Hz", "frequencies in ascending order")
+    return array
+
+
 def number_list(values: Any) -> tuple[float, ...]:
     """One real number or a list of them, as plain floats."""
     array = np.atleast_1d(real_numbers(values))
@@ -340,6 +356,8 @@ def _named(rule: Callable[Concatenate[Any, Options], Value]) -> Callable[Concate
 real_array = _named(real_numbers)
 #: an array of one or more finite numbers in an SI unit
 finite_array = _named(finite_numbers)
+#: frequencies, Hz
+frequency_array = _named(frequencies)
 #: one number or a list of them, as plain floats
 real_list = _named(number_list)
 #: one finite number or a list of them, as plain floats

@@ -13,18 +13,21 @@ all motions follow from the undamped problem at complex omega^2.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.errors import InputError, brief
+from granphon.base.errors import InputError, Refused, brief
 from granphon.base.results import Result
-from granphon.base.validation import finite_array
+from granphon.base.validation import Rule, finite_numbers, require
 from granphon.networks.network import ContactNetwork
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+#: greatest loss factor, and damping, s, far above any of a contact: their powers stay within the range of floats
+LARGEST_LOSSES = {"damping": 1e30, "loss_factor": 1e6}
 #: relative difference of times, or loss factors, that are the same but for rounding
 _ALIKE = 1e-12
 #: least pace of a Krylov space, over the mean distance of modes in a network, which it comes to tell apart
@@ -55,8 +58,8 @@ class ContactDamping:
         damping : tau = c/k of all deformations, s, a number or (n_c,); or a tuple of that of normal motion and of others.
         loss_factor : eta, a number or (n_c,); or a tuple of that of normal motion, and of all other.
 
-        Raises :class:`~granphon.base.errors.InputError` for numbers below zero or not finite, and for arrays of another
-        length.
+        Raises :class:`~granphon.base.errors.InputError` for numbers below zero or above
+        :data:`LARGEST_LOSSES`, and for arrays of another length.
         """
         pairs = (("damping", damping, "s"), ("loss_factor", loss_factor, ""))
         return cls(*(_read_pair(name, given, network.n_contacts, unit) for name, given, unit in pairs))
@@ -82,6 +85,14 @@ class ContactDamping:
         return float(parts[0][0]), float(parts[1][0])
 
 
+def read_loss(name: str, value: Any, rule: Rule) -> Any:
+    """Read a damping or a loss factor, one or more, by a rule; refuse what is above :data:`LARGEST_LOSSES`."""
+    found, largest = rule(value), LARGEST_LOSSES[name]
+    if (most := float(np.max(found))) > largest:
+        raise Refused(f"{most:g}", f"{name} up to {largest:g}{' s' * (name == 'damping')}")
+    return found
+
+
 def _read_pair(name: str, given: Any, contacts: int, unit: str) -> Array:
     """Return numbers (2, n_c), zero or above, from a number or (n_c,), or a tuple of two of these."""
     pair = given if isinstance(given, tuple) else (given, given)
@@ -89,7 +100,7 @@ def _read_pair(name: str, given: Any, contacts: int, unit: str) -> Array:
         raise InputError(f"{name} is {brief(given)}", mend="Give a number, or (normal, tangential)")
     found = np.empty((2, contacts))
     for row, one in zip(found, pair, strict=True):
-        values = finite_array(name, one, unit, "zero or above")
+        values = require(name, partial(read_loss, name, rule=partial(finite_numbers, unit=unit, low="zero or above")), one)
         if values.shape not in ((), (contacts,)):
             what = f"{name} has the shape {values.shape}, and there are {contacts} contacts"
             raise InputError(what, mend="Give a number, one for each contact, or a tuple (normal, tangential)")

@@ -77,6 +77,11 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
     known = next((_PICTURES[kind] for kind in kinds if kind in _PICTURES), None)
     given = {} if known is None else {known[2]: result}
     if (dataset := find_dataset(result)) is not None:  # of the result of a scene the spectra come first
+        if "load" not in dataset.dims:
+            why = "Its picture is over the load, and one was chosen, or their mean taken"
+            raise InputError(
+                "the data set has no dimension 'load'", why, "Keep all loads, or choose by a list: isel(load=[0])"
+            )
         spectra = {name: getattr(result, name, None) for name in ("bands", "dos")}
         known, given = _PICTURES["xarray.Dataset"], {"dataset": dataset}
         if dataset is not result and any(one is not None for one in spectra.values()):

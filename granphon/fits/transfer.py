@@ -136,6 +136,10 @@ class TransferFunction(Result):
         def measure(kind: str) -> Array:
             own = _MAGNITUDES.get(quantity)
             found = read(kind, {} if own else _NUMBERS)
+            if own and table.unit(heads[kind]) in _NUMBERS:
+                what = f"{table.name}: the column {heads[kind]!r} has no unit of {own.name}"
+                mend = f"Head it '{kind} ({own.unit})'; or if it is a transmissibility, give quantity='transmissibility'"
+                raise InputError(what, mend=f"{mend} (in a scene, response.quantity)")
             if found is None and own:
                 return table.column(heads[kind], own)
             if found is None:

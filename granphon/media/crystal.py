@@ -531,7 +531,9 @@ class Crystal(Result):
             if one.edge != "free":
                 return np.asarray(one.sign * np.eye(self.dimension)[one.axis])
         what = f"nothing holds crystal {self.name!r} against gravity"
-        raise InputError(what, mend='Cut it with a floor or clamp: c.cut(axis, layers, ("floor", "free"))')
+        error = InputError(what, mend='Cut it with a floor or clamp: c.cut(axis, layers, ("floor", "free"))')
+        error.block = ("load", "gravity")
+        raise error
 
     @cached_property
     def masses(self) -> Array:

@@ -519,7 +519,9 @@ def _find_added(of: Analysis, one: Observable, observed: Container[str]) -> Any:
     except Exception as error:
         why = f"{CATALOGUE.describe(one.name)} fails: {type(error).__name__}: {error}"
         if one.name in observed:
-            raise InputError(why, mend="Mend its function, or do not observe it") from error
+            failed = InputError(why, mend="Mend its function, or do not observe it")
+            failed.block = ("observe",)
+            raise failed from error
         of.failed[one.name] = one_line(f"{why}; it is left out")
         return None
 

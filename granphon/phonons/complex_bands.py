@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.base.errors import InputError
 from granphon.base.results import Result
-from granphon.base.validation import finite_array
+from granphon.base.validation import frequency_array
 from granphon.dynamics.bloch_waves import find_bloch_waves
 from granphon.dynamics.damping import ContactDamping
 from granphon.dynamics.half_space import HalfSpace
@@ -63,9 +62,7 @@ def find_complex_bands(
     network: ContactNetwork, frequencies: ArrayLike, axis: Any, q: ArrayLike, damping: Any, loss_factor: Any
 ) -> ComplexBands:
     """Find the complex bands of a network; for the arguments see :meth:`Phonons.complex_bands`."""
-    at = finite_array("frequencies", frequencies, "Hz", "above zero")
-    if at.ndim != 1 or not at.size:
-        raise InputError(f"frequencies have the shape {at.shape}", mend="Give (n,) in Hz")
+    at = frequency_array("frequencies", frequencies, "above zero", in_order=False)
     space = HalfSpace(network, axis)
     damped = ContactDamping.of(space.cut, damping, loss_factor)
     along, omega = space.read_wavevector(q), at / space.units.frequency

@@ -141,7 +141,7 @@ def record_networks(x: Any, wanted: WaveSettings, whole: bool = False) -> dict[s
         try:
             found, files = record(x, one)
         except GranphonError as error:
-            error.block = one.block
+            error.block = (one.block,)
             raise
         out |= found | {_WHOLE + name: np.frombuffer(write(), np.uint8) for name, write in files.items() if whole}
     return out

@@ -516,6 +516,8 @@ class SceneSource:
             if self.document is None:
                 raise
             place = path or getattr(error, "path", ())
+            if (of := getattr(error, "block", None)) is not None:  # the error knows better
+                place, before = of, ""
             if (option := getattr(error, "option", None)) is not None:
                 # the medium that has this option; if none of them has it, or several have, the media
                 found = [path for path in self.document.lines if path[:1] == ("medium",) and path[-1] == option]

@@ -315,7 +315,7 @@ class Plan:
                 with self.origin.at("medium"):
                     raise
             if error.block is not None:
-                with self.origin.at(error.block):
+                with self.origin.at(*error.block):
                     raise
             if error.load_index is None:
                 raise

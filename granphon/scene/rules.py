@@ -49,6 +49,7 @@ from granphon.base.validation import (
     choice,
     each,
     fraction,
+    frequencies,
     grid,
     is_one_of,
     is_whole,
@@ -63,7 +64,7 @@ from granphon.base.validation import (
 from granphon.media.choice import MEDIA, MediumChoice, read_medium
 from granphon.observables.catalogue import CATALOGUE
 from granphon.waves.drives import read_drives, write_drives
-from granphon.waves.settings import NETWORK_BLOCKS, ascending
+from granphon.waves.settings import NETWORK_BLOCKS
 
 #: version number of the layout of a scene file, its key "schema"
 SCENE_SCHEMA = 1
@@ -173,7 +174,8 @@ def write_values(given: Sequence[float], write: Callable[[float], Any]) -> Any:
 
 DRIVE = Kind(lambda value, at: read_drives(value, folder=at.folder), lambda drives, _: write_drives(drives))
 FREQUENCIES = Kind.plain(
-    lambda value: ascending(read_values(value, FREQUENCY.read)), lambda found: write_values(found, FREQUENCY.write)
+    lambda value: tuple(frequencies(read_values(value, FREQUENCY.read)).tolist()),
+    lambda found: write_values(found, FREQUENCY.write),
 )
 
 

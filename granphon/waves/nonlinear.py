@@ -246,7 +246,7 @@ class NonlinearWaves:
         stable = system.choose_step(x, 0.5 * float(np.max(np.sum(system.operator.values(v) ** 2, axis=1), initial=0.0)))
         wanted = stable if step is None else positive("step", step, "s")
         if wanted * _LEAST_STEPS > _STEPS * stable:
-            what = f"the step of {wanted:.3g} s is too long for the stiffest contact"
+            what = f"the step of {wanted:.3g} s is too long for the stiffest contact, or its damping"
             raise InputError(what, "It would not be stable", "Leave step out")
         least = wanted * 2.0**-_HALVINGS
         while True:

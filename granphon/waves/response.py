@@ -49,7 +49,7 @@ from granphon.base.errors import ConvergenceError, InputError, brief
 from granphon.base.results import Result
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
-from granphon.base.validation import finite_array, positive
+from granphon.base.validation import frequency_array, positive
 from granphon.dynamics.damping import ContactDamping, count_products
 from granphon.networks.network import ContactNetwork
 from granphon.waves.modes import PIVOT
@@ -174,15 +174,6 @@ class Response(Result):
         }
 
 
-def read_frequencies(given: ArrayLike) -> Array:
-    """Return frequencies (n_f,), Hz, ascending from zero or above; raises InputError for others."""
-    found = np.atleast_1d(finite_array("frequencies", given, "Hz", "zero or above"))
-    if found.ndim != 1 or np.any(np.diff(found) <= 0.0):
-        why = "They are a list" if found.ndim != 1 else "Each is to be above the one before"
-        raise InputError("the frequencies are not sorted", why, "Give np.unique(frequencies)")
-    return found
-
-
 class Peaks(NamedTuple):
     """Peaks of a magnitude over frequency.
 
@@ -233,7 +224,7 @@ def find_response(
     tolerance: float = TOLERANCE,
 ) -> Response:  # fmt: skip
     """Return the response of a network; see :meth:`granphon.waves.waves.Waves.response`."""
-    network, hertz = operator.network, read_frequencies(frequencies)
+    network, hertz = operator.network, frequency_array("frequencies", frequencies)
     for name, word, known in (("quantity", quantity, tuple(QUANTITIES)), ("method", method, (None, *METHODS))):
         if word not in known:
             raise InputError(f"{name} is {brief(word)}", mend=f"Use {', '.join(filter(None, known))}")

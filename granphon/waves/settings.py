@@ -8,27 +8,27 @@ import math
 import re
 from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
 
 from granphon.balls.layers import EDGES, read_axis
 from granphon.base.errors import Refused
-from granphon.base.quantities import FREQUENCY, LENGTH, NUMBER, TIME, Quantity
+from granphon.base.quantities import FREQUENCY, LENGTH, NUMBER, SINCE, TIME, Quantity
 from granphon.base.text import show
 from granphon.base.validation import (
     Rule,
     above_zero,
     choice,
     each,
-    finite_number_list,
+    frequencies,
     number,
     real_number,
     require,
     whole,
     zero_or_above,
 )
+from granphon.dynamics.damping import read_loss
 from granphon.waves.drives import DriveSettings, read_direction, read_drives
 
 #: what may be asked of the waves in a simulated array
@@ -277,7 +277,7 @@ def wave_rules(block: str, read: bool = True) -> dict[str, Rule]:
     def quantity(name: str) -> Rule:
         kind = _QUANTITIES[name]
         if name == "damping":  # zero, without a unit, is one too
-            return _read_damping if read else partial(zero_or_above, unit=kind.unit)
+            return partial(read_loss, name, rule=_read_time if read else partial(zero_or_above, unit=kind.unit))
         return kind.read if read else partial(above_zero, unit=kind.unit)
 
     if block == "surface":
@@ -288,13 +288,14 @@ def wave_rules(block: str, read: bool = True) -> dict[str, Rule]:
             "points": partial(whole, low=2, high=10_000),
         }  # fmt: skip
     losses: dict[str, Rule] = {
-        "damping": partial(_one_or_two, rule=quantity("damping")), "loss_factor": partial(_one_or_two, rule=zero_or_above),
+        "damping": partial(_one_or_two, rule=quantity("damping")),
+        "loss_factor": partial(_one_or_two, rule=partial(read_loss, "loss_factor", rule=zero_or_above)),
     }  # fmt: skip
     if block == "bands":
         return losses
     if block == "response":
         return losses | {
-            "frequencies": lambda value: ascending(finite_number_list(value, "Hz", "zero or above")),
+            "frequencies": lambda value: tuple(frequencies(value).tolist()),
             "source": _read_places, "receiver": _read_places, "quantity": partial(choice, options=tuple(RESPONSES)),
             "direction": read_direction, "polarisation": partial(choice, options=_PUSHES), "distance": quantity("distance"),
         }  # fmt: skip
@@ -312,9 +313,9 @@ def wave_rules(block: str, read: bool = True) -> dict[str, Rule]:
     }  # fmt: skip
 
 
-def _read_damping(value: Any) -> float:
-    """Read a time, zero or above."""
-    return 0.0 if value == 0 and not isinstance(value, bool) else TIME.read(value)
+def _read_time(value: Any) -> float:
+    """Read a time, zero or above; zero may be without a unit."""
+    return 0.0 if value == 0 and not isinstance(value, bool) else SINCE.read(value)
 
 
 def _read_polarisations(value: Any) -> tuple[str, ...]:
@@ -324,14 +325,6 @@ def _read_polarisations(value: Any) -> tuple[str, ...]:
     if len(set(found)) < len(found):
         raise Refused(show(value), f"{', '.join(POLARISATIONS)}, each once")
     return found
-
-
-def ascending(frequencies: tuple[float, ...]) -> tuple[float, ...]:
-    """Read frequencies, each of which is above the one before."""
-    for one, following in pairwise(frequencies):
-        if following <= one:
-            raise Refused(f"{following:.9g} Hz after {one:.9g} Hz", "frequencies in ascending order")
-    return frequencies
 
 
 def _read_places(value: Any) -> tuple[str, ...]:

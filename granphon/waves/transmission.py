@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.errors import InputError
 from granphon.base.results import Result
-from granphon.base.validation import finite_array
+from granphon.base.validation import frequency_array
 from granphon.dynamics.bloch_waves import BlochWaves, Complex, Couplings, find_bloch_waves
 from granphon.dynamics.damping import ContactDamping
 from granphon.dynamics.half_space import HalfSpace
@@ -26,6 +26,8 @@ from granphon.waves.operator import WaveOperator
 Array = NDArray[np.float64]
 #: distance, over the diameter, up to which a ball of the strip stands where one of a lead would
 _THERE = 0.1
+#: relative difference of periods along the layers that fit
+_SAME_PERIOD = 0.01
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -84,6 +86,8 @@ def transmission(
     middle : the strip: a network that repeats as the leads do but for the ``axis``, such as ``network.cut(axis, layers)``;
         or None if the leads touch. Its outer balls stand where the next layers of the leads would. They touch the leads as
         a lead's own layers touch each other, with its stiffness; so an interface of another stiffness belongs to the strip.
+        Periods along the layers may differ by 1 %, places of balls by 0.1 of a diameter. Masses, diameters and loads may
+        differ: whether the whole is at rest under its static forces is not examined.
     frequencies : (n_f,) Hz, ascending, above zero.
     axis : across the layers of both leads, as for :meth:`ContactNetwork.cut`.
     q : (p - 1,) wave vector along the layers, in fractions of their reciprocal cell; zero by default.
@@ -93,12 +97,11 @@ def transmission(
 
     Raises
     ------
-    InputError : a lead without the axis as a period; leads or a strip that do not fit; wrong numbers.
+    InputError : a lead without the axis as a period; leads or a strip that do not fit; a floor or clamped balls between
+        them; wrong numbers.
     PrecisionError : a frequency at the very edge of a band.
     """
-    at = finite_array("frequencies", frequencies, low="above zero")
-    if at.ndim != 1 or not at.size or np.any(np.diff(at) <= 0.0):
-        raise InputError(f"frequencies are not ascending, or have the shape {at.shape}", mend="Give (n,) in Hz")
+    at = frequency_array("frequencies", frequencies, "above zero")
     leads = [_Lead.of(one, axis, q) for one in (left, right)]
     first, last = leads
     strip = given_network(last.space.network.cut(axis, last.space.reach + 1) if middle is None else middle)
@@ -250,11 +253,17 @@ class _Lead(NamedTuple):
         what = f"the strip does not fit to the {'first' if lower else 'other'} lead"
         periods = strip.cell[np.flatnonzero(strip.pbc)][:, : strip.dimension]
         d = float(2.0 * np.mean(cut.radii[theirs]))
-        if periods.shape != space.layers.cell.shape or np.any(np.abs(periods - space.layers.cell) > _THERE * d):
+        same = _SAME_PERIOD * np.max(np.abs(space.layers.cell), initial=0.0)
+        if periods.shape != space.layers.cell.shape or np.any(np.abs(periods - space.layers.cell) > same):
             why = "It must repeat along the layers as the lead does, and not across them"
             raise InputError(what, why, "Give lead.cut(axis, layers), or a strip of the same width")
         if len(operator.balls) >= size:
             height = strip.positions[operator.balls, p]
+            beyond = strip.positions[:, p] - height.max() if not lower else height.min() - strip.positions[:, p]
+            if np.all(space.network.moving) and np.any(
+                ~strip.moving & (beyond > np.where(np.isinf(strip.radii), 0.0, 0.6 * d))
+            ):
+                raise InputError(what, "A floor or clamped balls stand between them", "Cut it with free edges")
             order = np.argsort(height if lower else -height, kind="stable")[:size]
             near = operator.balls[order]
             places = strip.positions[near][:, : p + 1]

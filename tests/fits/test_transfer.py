@@ -251,3 +251,12 @@ def test_the_command_refuses(folder, capsys, words, change, said):
     (folder / "scene.yaml").write_text(text, encoding="utf-8")
     assert command(*words) == 2
     assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("heading", ["magnitude", "magnitude (1)"])
+def test_numbers_are_read_as_a_transmissibility_if_it_is_named(tmp_path, heading):
+    path = tmp_path / "data.csv"
+    path.write_text(f"frequency (Hz),{heading}\n100,1.03\n200,1.1\n")
+    with pytest.raises(InputError, match="quantity='transmissibility'"):
+        gp.TransferFunction.read(path)
+    assert gp.TransferFunction.read(path, quantity="transmissibility").magnitude.tolist() == [1.03, 1.1]

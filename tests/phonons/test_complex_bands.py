@@ -95,8 +95,8 @@ def test_motions_that_reach_no_other_layer_are_no_waves():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (([0.0], 0), "frequencies"), (([[1e3]], 0), "frequencies have the shape"), (([1e3], 7), "axis"),
-        (([1e3], 1, [0.1, 0.2]), "q has the shape"), (([np.nan], 0), "frequencies"),
+        (([0.0], 0), "frequencies"), (([[1e3]], 0), "frequencies of the shape"), (([1e3], 7), "axis"),
+        (([1e3], 1, [0.1, 0.2]), "q has the shape"), (([np.nan], 0), "frequencies"), (([1e300], 0), "up to"),
     ],
 )  # fmt: skip
 def test_bad_input_is_one_error(arguments, words):

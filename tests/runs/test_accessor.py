@@ -49,6 +49,8 @@ def test_what_has_no_exponent(swept):
         (lambda: swept.granphon.exponent("longitudnal"), "no 'longitudnal'. Did you mean 'longitudinal'"),
         (lambda: swept.isel(load=[0, 1]).granphon.exponent(), "three loads"),
         (lambda: swept.isel(load=slice(None, None, -1)).granphon.exponent(), "Loads must ascend"),
+        (lambda: swept.isel(load=0).granphon.plot(), "no dimension 'load'"),
+        (lambda: swept.mean("load").granphon.plot(), "no dimension 'load'"),
         (lambda: swept.drop_attrs().granphon.packing, "holds no packing"),
     ):
         with pytest.raises(InputError, match=told):

@@ -229,3 +229,14 @@ def test_check_says_what_is_driven_and_heard(tmp_path, capsys):
     assert main(["check", str(tmp_path / "scene.yaml")]) == 0
     said = capsys.readouterr().out
     assert all(word in said for word in ("velocity", "2 kHz to 9 kHz", "2e-06, 1e-06 s", "response.csv", "response.png"))
+
+
+def test_losses_of_a_scene_reach_from_none_to_a_bound():
+    chain = scene(CHAIN, FORCE="10 N")
+    assert scene(CHAIN + "  damping: [0 us, 0 s]\n", FORCE="10 N").response.damping == (0.0, 0.0)
+    assert chain.response.damping == 0.0
+    for line, told in (("loss_factor: 1e300", "loss_factor up to"), ("damping: 1e300 s", "damping up to")):
+        with pytest.raises(SceneError, match=told):
+            scene(f"{CHAIN}  {line}\n", FORCE="10 N")
+    with pytest.raises(SceneError, match="frequencies up to"):
+        scene(CHAIN.replace("{from: 400 Hz, to: 14 kHz, points: 30, scale: linear}", "[1e200 Hz]"), FORCE="10 N")

@@ -204,6 +204,9 @@ MISTAKES = {
     ),
     "two loads": (f"{_ON_CHAIN}load: {{force: 1 N, strain: [-1e-4]}}", "load", "Remove all but one"),
     "times alone": (f"{_ON_CHAIN}load: {{force: 1 N, times: [1, 2]}}", "load.times", "with stress or strain"),
+    "gravity and a pressure without a floor": (
+        f"{_ON_CHAIN}load: {{force: 10 N, gravity: 9.81 m/s^2}}", "load.gravity", "nothing holds",
+    ),
     "gravity without a floor": (f"{_ON_CHAIN}load: {{gravity: 9.81 m/s^2}}", "load.gravity", "nothing holds"),
     "a short tensor": ("crystal: {lattice: fcc, kinds: [A]}\nload: {strain: [-1e-4]}", "load.strain", "6 numbers"),
     "a tensor of zeros": (f"{_ON_CHAIN}load: {{stress: [0 N]}}", "load.stress", "which is zero"),

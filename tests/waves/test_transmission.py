@@ -194,7 +194,9 @@ def test_scattering_lengths_of_exact_falls():
         ({"frequencies": [1j]}, "frequencies"), ({"axis": 5}, "axis"), ({"q": [0.1, 0.2]}, "q has the shape"),
         ({"loss_factor": -0.1}, "loss_factor"), ({"damping": -1.0}, "damping"), ({"left": 3}, "no network"),
         ({"right": "fcc"}, "motions"), ({"middle": "wide"}, "does not fit"), ({"middle": "periodic"}, "does not fit"),
-        ({"middle": "smooth"}, "motions"), ({"middle": "shifted"}, "do not stand"),
+        ({"middle": "smooth"}, "motions"), ({"middle": "shifted"}, "do not stand"), ({"frequencies": [1e300]}, "up to"),
+        ({"middle": "floor"}, "stand between"), ({"middle": "clamped"}, "stand between"),
+        ({"middle": "wider"}, "does not fit"),
     ],
 )  # fmt: skip
 def test_bad_input_is_one_error(change, words):
@@ -203,7 +205,13 @@ def test_bad_input_is_one_error(change, words):
     smooth = replace(strip_of, shear_stiffness=0.0 * strip_of.shear_stiffness)
     moved = replace(strip_of, positions=strip_of.positions * [1.0, 1.24, 1.0])
     wide = network.repeat((2, 1)).cut(1, 4)
-    named = {"fcc": bulk("fcc"), "wide": wide, "periodic": network, "smooth": smooth, "shifted": moved}
+    wider = replace(strip_of, cell=1.05 * strip_of.cell)
+    named = {
+        "floor": network.cut(1, 4, ("floor", "free")),
+        "clamped": network.cut(1, 5, ("free", "clamped")),
+        "wider": wider,
+    }
+    named |= {"fcc": bulk("fcc"), "wide": wide, "periodic": network, "smooth": smooth, "shifted": moved}
     given = {"left": network, "middle": strip_of, "right": network, "frequencies": [1e3, 2e3], "axis": 1, **change}
     given = {name: named.get(value, value) if isinstance(value, str) else value for name, value in given.items()}
     with pytest.raises(InputError, match=words):
