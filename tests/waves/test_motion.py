@@ -80,3 +80,9 @@ def test_a_spectrum_and_harmonics_of_a_steady_motion():
 def test_bad_questions_are_one_error(ask, words):
     with pytest.raises(InputError, match=words):
         ask(make())
+
+
+def test_a_file_of_a_motion_is_no_sweep(tmp_path):
+    make().write(tmp_path / "motion.nc")
+    with pytest.raises(InputError, match=r"is not a sweep. It is a motion. Draw it in Python, gp.plot\(gp.Motion.read"):
+        gp.load_sweep(tmp_path / "motion.nc")
