@@ -19,7 +19,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.errors import InputError, Refused, brief
+from granphon.base.errors import InputError, PrecisionError, Refused, brief
 from granphon.base.results import Result
 from granphon.base.validation import Rule, finite_numbers, require
 from granphon.networks.network import ContactNetwork
@@ -32,6 +32,8 @@ LARGEST_LOSSES = {"damping": 1e30, "loss_factor": 1e6}
 _ALIKE = 1e-12
 #: least pace of a Krylov space, over the mean distance of modes in a network, which it comes to tell apart
 _MODE_PACE = 5.0
+#: damping, over the square root of the largest stiffness, above which slow rates are less than the rounding of fast ones
+_STRONGEST = 3e4
 #: part of the top frequency up to which a frequency, or its real part, is zero: the root of rounding, as zeros come in pairs
 _STILL = 1e-6
 
@@ -184,10 +186,16 @@ def damp_unevenly(stiffness: NDArray[Any], viscous: NDArray[Any]) -> tuple[Compl
     omega : (..., n) complex, of x exp(i omega t), ascending in their real part: of each pair omega and -conj(omega) the one
         with a real part above zero, one of each pair of zeros, and the slowest of those that creep.
     vectors : (..., n, n) columns of norm one.
+
+    Raises :class:`~granphon.base.errors.PrecisionError` for a damping so strong that modes which creep have no digit.
     """
     n = stiffness.shape[-1]
     scale = np.sqrt(np.max(np.abs(stiffness), axis=(-2, -1), keepdims=True))
     scale = np.where(scale > 0.0, scale, 1.0)
+    # of the rates, up to G/scale in size, those that creep are of the order scale/G
+    if (strongest := float(np.max(np.abs(viscous) / scale, initial=0.0))) > _STRONGEST:
+        what = f"dashpots are {strongest:.2g} times as stiff as springs at the highest frequency"
+        raise PrecisionError(what, "The modes that creep would have no digit", "Give less damping")
     # with y = x'/scale, the eigenvalues of ((0, 1), (-D, -G)) are i omega / scale
     whole = np.zeros((*stiffness.shape[:-2], 2 * n, 2 * n), complex)
     whole[..., :n, n:] = np.eye(n)

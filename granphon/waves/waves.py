@@ -247,7 +247,8 @@ class Waves:
         balls; larger networks are factorised once, up to 300,000 motions in the plane and 12,000 in space.
 
         Raises :class:`~granphon.base.errors.InputError` for a damping below zero, for more modes than there are, and for a
-        larger network that is damped unevenly; and what :meth:`modes` raises.
+        larger network that is damped unevenly; :class:`~granphon.base.errors.PrecisionError` for dashpots that differ and
+        are far stiffer than springs; and what :meth:`modes` raises.
         """
         return find_damped(self._stable_operator, count, nearest, damping, loss_factor)
 

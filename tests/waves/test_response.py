@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import granphon as gp
-from granphon.base.errors import ConvergenceError, InputError
+from granphon.base.errors import ConvergenceError, InputError, PrecisionError
 from tests import packings
 
 UNITS = gp.Units(8e-3, 3e6, 2e-3)
@@ -111,6 +111,17 @@ def test_modes_of_one_ball_swing_or_creep(damping):
     for found in (even, uneven):
         assert_allclose(found.frequencies, [expected * HERTZ], rtol=1e-12)
         assert_allclose(found.quality, [expected.real / (2.0 * expected.imag)], atol=1e-12)
+
+
+def test_modes_that_creep_have_digits_or_are_refused():
+    """Of a chain on a wall each contact creeps by itself, by exp(-t/tau) of its own tau, but for inertia."""
+    network = chain(12, ("clamped", "free"))
+    for strength in (1e2, 3e3):
+        modes = gp.Waves(network).damped_modes(11, damping=strength / OMEGA * np.linspace(1.0, 2.0, network.n_contacts))
+        creep = 2.0 * np.pi * modes.frequencies.imag * strength / OMEGA
+        assert_allclose(np.sort(creep), np.sort(1.0 / np.linspace(1.0, 2.0, 11)), rtol=max(20.0 / strength**2, 1e-8))
+    with pytest.raises(PrecisionError, match="have no digit"):
+        gp.Waves(network).damped_modes(11, damping=1e6 / OMEGA * np.linspace(1.0, 2.0, network.n_contacts))
 
 
 # -- matrices made contact by contact -----------------------------------------------------------------------------------
