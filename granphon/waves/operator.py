@@ -21,7 +21,7 @@ them, and is then faster.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 #: margin of the bound of all frequencies: the kernel of a spectrum has no width at the bound itself
 _MARGIN = 1.01
 #: relative difference of numbers that are equal but for rounding
@@ -184,6 +185,11 @@ class WaveOperator(LinearOperator[np.float64]):
         """D, (size, size), (rad/s)^2."""
         found = self.weigh()
         return found if self._carried is None else (found + 0.5 * (self._carried + self._carried.T)).tocsr()
+
+    def make_lossy_product(self, losses: Array) -> Callable[[Complex], Complex]:
+        """Return the product of D + i A^T eta A with a vector (size,), eta being ``losses`` as for :meth:`of_rows`."""
+        matrix = (self.matrix + 1j * self.weigh(losses)).tocsr()
+        return lambda x: np.asarray(matrix @ x)
 
     def stretch(self, moved: Array) -> Array:
         """Return what displacements (n, motions), m, of bodies that do not move make of the rows of :attr:`full_root`."""
@@ -350,7 +356,14 @@ class ArrayOperator(WaveOperator):
 
     @cached_property
     def _product(self) -> ContactHessian:
-        """4 D / top^2: its springs are those of the contacts that there are, at the cells of their balls i."""
+        """4 D / top^2."""
+        return self._make_product(np.ones((len(self.rows), self.network.n_contacts)))
+
+    def _make_product(self, weights: Array) -> ContactHessian:
+        """Return 4 A^T W A / top^2, W being ``weights`` (rows, n_c).
+
+        Its springs are those of the contacts that there are, at the cells of their balls i.
+        """
         table, m, kinds, scale = self.lattice.contacts, self.motions.count, self._kinds, float(self.network.masses[0])
         ends, springs = (
             np.zeros((2, len(self.rows), len(table), self._fields)),
@@ -362,7 +375,7 @@ class ArrayOperator(WaveOperator):
             for place, row in enumerate(self.rows if own.size else ()):
                 ends[0, place, kind, m * j : m * (j + 1)] = row.head[own[0]]
                 ends[1, place, kind, m * i : m * (i + 1)] = row.tail[own[0]]
-                stiffness = np.broadcast_to(row.stiffness, kinds.shape)[own]
+                stiffness = np.broadcast_to(row.stiffness * weights[place], kinds.shape)[own]
                 springs[place, kind].reshape(-1)[cells[own]] = 4.0 / self.top**2 / scale * stiffness
         shifts = [tuple(steps) for steps in table.shift.tolist()]
         operator = ContactOperator(self.cells, shifts, *ends.reshape(2, -1, self._fields))
@@ -382,3 +395,17 @@ class ArrayOperator(WaveOperator):
         if np.iscomplexobj(x):
             return np.asarray(self._matvec(x.real) + 1j * self._matvec(x.imag))
         return np.asarray(0.25 * self.top**2 * self._product(x.reshape(self._fields, *self.cells))[0].ravel())
+
+    def make_lossy_product(self, losses: Array) -> Callable[[Complex], Complex]:
+        """Return the product of D + i A^T eta A, see :meth:`WaveOperator.make_lossy_product`."""
+        lossy, scale = self._make_product(weigh_rows(self.rows, losses)), 0.25 * self.top**2
+
+        def apply(x: Complex) -> Complex:
+            parts = [np.ascontiguousarray(part).reshape(self._fields, *self.cells) for part in (x.real, x.imag)]
+            (real, imaginary), (lost, led) = ([one(part)[0].ravel() for part in parts] for one in (self._product, lossy))
+            out = np.empty(self.size, complex)
+            np.subtract(real, led, out=out.real)
+            np.add(imaginary, lost, out=out.imag)
+            return np.multiply(out, scale, out=out)
+
+        return apply

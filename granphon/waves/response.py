@@ -467,10 +467,10 @@ class _Problem:
     def _make_lossy(self, omega: Array) -> _Space:
         """Return D with loss factors that differ."""
         losses, operator = self.damping.losses, self.operator
-        matrix, least = (operator.matrix + 1j * operator.weigh(losses)).tocsr(), self._find_least(omega)
+        least = self._find_least(omega)
         distance = np.maximum(omega**2 * least / np.hypot(1.0, least), omega**2 - operator.top**2)
         return _Space(
-            lambda x: matrix @ x, np.dot, self.drives[0] + 1j * self.drives[1], omega**2, np.ones(omega.size),
+            operator.make_lossy_product(losses), np.dot, self.drives[0] + 1j * self.drives[1], omega**2, np.ones(omega.size),
             _invert(distance),
         )  # fmt: skip
 
