@@ -101,13 +101,14 @@ def factorise(matrix: Any, approximate: bool = False, pivot: float = 0.0, order:
     return splu(single, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=pivot, relax=1, options=options)
 
 
-def choose_factors(products: Array, motions: int, dimension: int) -> tuple[NDArray[np.bool_], float]:
+def choose_factors(products: Array, motions: int, dimension: int, pace: float) -> tuple[NDArray[np.bool_], float]:
     """Return at which frequencies (n_f,) factors of the matrix are less work than a Krylov space, and those in products.
 
-    The space serves all frequencies with the products that the hardest needs. Where factors do not fit, none are chosen.
+    The space serves all frequencies with the products that the hardest needs, ``pace`` of them in the time of one of a
+    sparse matrix. Where factors do not fit, none are chosen.
     """
     factor, power = _FACTORS[dimension]
-    price, order = factor * motions**power, np.argsort(-products, kind="stable")
+    price, order = pace * factor * motions**power, np.argsort(-products, kind="stable")
     chosen = np.zeros(products.size, bool)
     if motions <= LARGEST_FACTORS[dimension]:
         work = price * np.arange(products.size + 1) + np.append(products[order], 0.0)

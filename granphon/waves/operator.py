@@ -64,6 +64,9 @@ class WaveOperator(LinearOperator[np.float64]):
     balls : (n_free,) indices of the balls that move.
     """
 
+    #: products of the matrix with a vector in the time of one of a sparse matrix
+    pace = 1.0
+
     def __init__(self, network: ContactNetwork) -> None:
         self.network, self.motions = network, network.ball_motions
         self.balls = np.flatnonzero(network.moving)
@@ -334,6 +337,8 @@ def _is_one(values: Array) -> bool:
 
 class ArrayOperator(WaveOperator):
     """D of an array of equal masses; vectors run over the motions of the balls of a cell, and for each over all cells."""
+
+    pace = 3.0
 
     def __init__(self, network: ContactNetwork, kinds: NDArray[np.intp]) -> None:
         super().__init__(network)

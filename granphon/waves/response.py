@@ -380,7 +380,7 @@ class _Problem:
         fits, steps = n <= LARGEST_FACTORS[dimension], 0
         if not unfit and method != "direct" and (n > _FEW or method == "krylov"):
             products = self._count_products(omega, tolerance)
-            chosen, price = choose_factors(products, n, dimension)
+            chosen, price = choose_factors(products, n, dimension, self.operator.pace)
             if method == "krylov" or not fits:
                 chosen[:] = False
                 if np.max(products) > _MOST:
@@ -431,9 +431,9 @@ class _Problem:
 
         operator = self.operator
         n, dimension = operator.size, operator.network.dimension
-        one, hardest = n * PRODUCT_TIME[dimension], int(np.argmax(products))
+        one, hardest = n * PRODUCT_TIME[dimension] / operator.pace, int(np.argmax(products))
         at = write_quantity(float(omega[hardest]) / (2.0 * math.pi), "Hz", 4)
-        _, price = choose_factors(products, n, dimension)
+        _, price = choose_factors(products, n, dimension, operator.pace)
         what = f"the response of {n:,} motions at {at} is not found by a Krylov space"
         if math.isfinite(products[hardest]):
             what += f" of {_MOST:,} products: it takes {products[hardest]:.2g} of them, about "
