@@ -531,7 +531,7 @@ def test_what_is_damped_too_much_to_swing_is_a_warning(disordered):
         ({"cycles": 1e308}, "is read more than"), ({"duration": 1e308}, "is read more than"),
         ({"frequency": 1e-7 * HERTZ}, "products with the matrix"),
         ({"damping": 0.0, "tangential_damping": 1e6 / HERTZ}, "a damping of .* products"),
-        ({"damping": 1e200}, "nothing moves"), ({"damping": 1.7e308, "tangential_damping": 0.0}, "nothing moves"),
+        ({"damping": 1e200}, "damping up to"), ({"damping": 1e30, "tangential_damping": 0.0}, "nothing moves"),
         ({"distance": 1e308}, "would meet itself"), ({"planes": [1e308]}, "would meet itself"),
         ({"planes": 1e308, "ends": "periodic"}, "Take a shorter distance"),
     ],
