@@ -29,7 +29,7 @@ pytestmark = [
 
 #: types that are no names of the package: of Python, numpy, ASE, xarray, matplotlib
 _FOREIGN = {
-    "Any", "Atoms", "Axes", "Callable", "Dataset", "Executor", "False", "Figure", "FuncAnimation", "Iterator", "Literal",
+    "Any", "Atoms", "Axes", "BinaryIO", "Callable", "Dataset", "Executor", "False", "Figure", "FuncAnimation", "Iterator", "Literal",
     "Mapping", "None", "Path", "PathLike", "Self", "Sequence", "True", "AbstractContextManager", "Step", "Array",
     "ArrayLike", "DataArray",
 }  # fmt: skip
