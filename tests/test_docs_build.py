@@ -29,9 +29,9 @@ pytestmark = [
 
 #: types that are no names of the package: of Python, numpy, ASE, xarray, matplotlib
 _FOREIGN = {
-    "Any", "Atoms", "Axes", "BinaryIO", "Callable", "Dataset", "Executor", "False", "Figure", "FuncAnimation", "Iterator", "Literal",
+    "Any", "Atoms", "Axes", "Callable", "Dataset", "Executor", "False", "Figure", "FuncAnimation", "Iterator", "Literal",
     "Mapping", "None", "Path", "PathLike", "Self", "Sequence", "True", "AbstractContextManager", "Step", "Array",
-    "ArrayLike", "DataArray",
+    "ArrayLike", "BinaryIO", "DataArray",
 }  # fmt: skip
 
 
