@@ -25,12 +25,18 @@ Array = NDArray[np.float64]
 _LEAST = 1e-5
 #: the same of a mode, whose error is of first order
 _LEAST_OF_MODES = 1e-3
-#: and that up to which it is rounding of zero, at Gamma or so far from it, 1/d, that sound is well above
-_NOTHING, _FAR = 1e-13, 1e-2
-#: the same of squares under prestress, which are rounded themselves
-_LEAST_SQUARE, _NO_SQUARE = 1e-7, 1e-12
-#: distance of the shift of Lanczos from zero, and error of eigenvalues that tells that one is missing, over the largest
-_SHIFT, _MISSED = 1e-8, 1e-11
+#: singular value of C, over the largest, up to which it is rounding of zero
+_NOTHING = 1e-13
+#: distance of a wave vector from Gamma, 1/d, from which sound is well above that
+_FAR = 1e-2
+#: eigenvalue under prestress, over the largest, from which it has digits: it is rounded itself
+_LEAST_SQUARE = 1e-7
+#: and up to which it is rounding of zero
+_NO_SQUARE = 1e-12
+#: distance of the shift of Lanczos from zero, over the largest eigenvalue
+_SHIFT = 1e-8
+#: error of eigenvalues, over the largest, that tells that one is missing
+_MISSED = 1e-11
 #: memory of one wave vector over the square of the number of branches, bytes: D, LAPACK's copy and its work
 BYTES = 36.0
 #: most eigenvalues that are found again
