@@ -23,7 +23,7 @@ from granphon.balls.contact_laws import opening_overlap
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 #: contacts that are worked on at a time, which stay in the processor's cache
-_BLOCK = 8192
+_BLOCK = 16384
 #: what stands for zero where it divides zero
 _NONE = np.finfo(float).tiny
 #: change of an overlap, over the overlap, below which the mean force is that of both ends: the rest is below rounding
@@ -36,13 +36,18 @@ def divide(n: int, rows: int, size: int = _BLOCK) -> list[Any]:
     return [(slice(low, low + size), *room[:, : n - low]) for low in range(0, n, size)]
 
 
+def share(values: Array) -> Array:
+    """Return values (..., n) of contacts, held once where all are the same: they are read faster."""
+    return np.broadcast_to(values[..., :1], values.shape) if np.all(values == values[..., :1]) else values
+
+
 class Powers:
     """Normal forces c h_+^a of contacts (n,), as functions of their elongation e from rest."""
 
     def __init__(self, exponent: float, coefficient: Array, overlap: Array) -> None:
-        self.exponent, self.coefficient, self.overlap = exponent, coefficient, overlap
-        self.root, self.rest = np.maximum(np.sqrt(overlap), _NONE), coefficient * overlap**exponent
-        self._fall, self._rise = -coefficient, hertz.stiffness_of(coefficient)
+        self.exponent, self.coefficient, self.overlap = exponent, share(coefficient), share(overlap)
+        self.root, self.rest = share(np.maximum(np.sqrt(overlap), _NONE)), share(coefficient * overlap**exponent)
+        self._fall, self._rise = share(-coefficient), share(hertz.stiffness_of(coefficient))
 
     def join(self, coefficient: Array, overlap: Array) -> Self:
         """Return these laws and some more."""
@@ -160,7 +165,7 @@ class ContactForces:
 
     def __init__(self, normal: Powers | PairLaws, ratio: Array, slips: int, mu: float, times: Array) -> None:
         self.normal, self.ratio, self.slips, self.mu, self.times = normal, ratio, slips, mu, times
-        self._half, n = 0.5 * ratio, ratio.shape[1]
+        self._half, n = share(0.5 * ratio), ratio.shape[1]
         self._blocks = divide(n, 3, _BLOCK if isinstance(normal, Powers) else max(n, 1))
 
     def begin(self, e: Array, moved: Array, held: Array) -> Touch:

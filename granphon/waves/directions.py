@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.waves.contact_forces import divide
+from granphon.waves.contact_forces import divide, share
 from granphon.waves.operator import WaveOperator
 
 Array = NDArray[np.float64]
@@ -42,6 +42,13 @@ class _Directions:
         if ways.size:
             found += ways @ self._strain
         return np.asarray(found.reshape(-1, self.held.shape[1]))
+
+    def turn(self, pull: Array, before: Any, after: Any, first: bool = True) -> Array:
+        """Return the forces across contacts as they have turned in the first half of a step: as they are."""
+        return pull[1:]
+
+    def turn_on(self, pull: Array, before: Any, after: Any) -> None:
+        """Turn the forces across contacts in the second half of a step."""
 
 
 class FixedDirections(_Directions):
@@ -98,17 +105,14 @@ class FixedDirections(_Directions):
         """Return the rates of all deformations (count, n_c), at velocities ``v`` and speeds of the drives."""
         return self._move(v, ways)
 
-    def since(self, before: Array, after: Array) -> Array:
-        """Return slips, twists and rolls between two moments."""
-        return np.asarray(after[1:] - before[1:])
+    def step(self, before: Array, x: Array, ways: Array, out: Any = None) -> tuple[Array, Array]:
+        """Return the deformations, and slips, twists and rolls since those before."""
+        after = self._move(x, ways)
+        return after, np.asarray(after[1:] - before[1:])
 
     def elongation(self, at: Array) -> Array:
         """Return e of a moment."""
         return np.asarray(at[0])
-
-    def turn(self, pull: Array, before: Array, after: Array, half: int) -> Array:
-        """Return the forces across contacts as they have turned in the first or the second half of a step: as they are."""
-        return pull[1:]
 
     def push(self, at: Array, pull: Array, before: Array | None = None) -> Array:
         """Return the accelerations (size,) of a pull, without :attr:`load`; with ``before``, its mean over a step."""
@@ -163,11 +167,11 @@ class TrueDirections(_Directions):
             plane = network.positions[network.i[one]] + network.arm_i[one] * network.normal[one]
             apart[own] = network.normal[one]
             gap[own] = (plane - network.positions[i[own]]) @ network.normal[one] - network.radii[i[own]]
-        self._gap = gap
+        self._gap = np.append(np.zeros(network.n_contacts), gap) if extra else gap
         self._r = np.ascontiguousarray(np.concatenate([vectors, apart]).T[list(self.axes)])
         self._square = np.sum(self._r**2, axis=0)
         self._length = np.sqrt(self._square)
-        self._walls = np.flatnonzero(np.concatenate([flat, at_wall]))  # r is the normal, of length one
+        walls = np.flatnonzero(np.concatenate([flat, at_wall]))  # r is the normal, of length one
         stiffness = (network.shear_stiffness, network.torsion_stiffness, network.bending_stiffness)
         slip, twist, roll = (
             np.append(one := each / network.normal_stiffness, np.full(extra, np.mean(one))) for each in stiffness
@@ -177,14 +181,14 @@ class TrueDirections(_Directions):
             held[:, : network.n_contacts] = -network.tangential_force.T
         self.ratio, self.held = self._list_rows(slip, twist, roll, held)
         self.count = 1 + len(self.ratio)
-        self._rest = np.append(rest, np.zeros(extra))
+        self._rest = share(np.append(rest, np.zeros(extra)))
         # arms share the distance, so that torques balance the moment of forces across contacts
         arm = np.concatenate([network.arm_i, network.radii[i]])
-        share = arm / (arm + np.concatenate([network.arm_j, np.where(at_wall, 0.0, network.radii[j])]))
-        other = 1.0 - share
-        share[self._walls], other[self._walls] = arm[self._walls], 0.0
+        near = arm / (arm + np.concatenate([network.arm_j, np.where(at_wall, 0.0, network.radii[j])]))
+        other = 1.0 - near
+        near[walls], other[walls] = arm[walls], 0.0
         kinds = [(axis, -1.0, 1.0) for axis in self.axes] + [
-            (3 + axis, *parts) for parts in self._parts(share, other) for axis in self.turns
+            (3 + axis, *parts) for parts in self._parts(near, other) for axis in self.turns
         ]
         places, weights = np.zeros((6, network.n_balls), np.int32), np.zeros((6, network.n_balls))
         for column, axis in enumerate([*motions.translations, *(3 + axis for axis in motions.rotations)]):
@@ -203,7 +207,7 @@ class TrueDirections(_Directions):
         for strain, (balls, along) in zip(self._strain, moved, strict=True):
             driven = np.isin(np.arange(network.n_balls), balls).astype(float)
             strain[: len(self.axes) * n] = np.outer(along[list(self.axes)], driven[j_of] - driven[i_of]).ravel()
-        self._blocks = divide(n, 3)
+        self._blocks = [(at, walls[(walls >= at.start) & (walls < at.stop)], *work) for at, *work in divide(n, 3)]
         self._way, self._acting = np.zeros((self.count - 1, n)), np.zeros((len(kinds), n))
         self._back = self._forward.T.tocsr()
         at = self.at(np.zeros(operator.size), np.zeros(len(moved)))
@@ -214,31 +218,52 @@ class TrueDirections(_Directions):
         """Return the ratios of stiffnesses (rows - 1, n_c), and forces across contacts at rest likewise."""
         return np.array([slip] * 3 + [twist] + [roll] * 3), np.concatenate([held, np.zeros((4, len(slip)))])
 
-    def _parts(self, share: Array, other: Array) -> list[tuple[Any, Any]]:
+    def _parts(self, near: Array, other: Array) -> list[tuple[Any, Any]]:
         """Return the parts that rotations of balls i and j have in those of contacts, for each axis in turn."""
-        return [(share, other), (-1.0, 1.0), (1.0, 1.0)]
+        return [(near, other), (-1.0, 1.0), (1.0, 1.0)]
 
     def at(self, x: Array, ways: Array, out: Moment | None = None) -> Moment:
         """Return the balls at a moment; one that is not needed any more may be overwritten."""
+        found = self._begin(x, ways, out)
+        for block in self._blocks:
+            self._place(found, *block)
+        return found
+
+    def step(self, before: Moment, x: Array, ways: Array, out: Moment | None = None) -> tuple[Moment, Array]:
+        """Return the balls at a moment, as for :meth:`at`, and slips, twists and rolls since the one before."""
+        after = self._begin(x, ways, out)
+        for block in self._blocks:
+            self._place(after, *block)
+            self._slip(before, after, *block)
+        return after, self._way
+
+    def _slip(self, before: Moment, after: Moment, at: slice, *room: Array) -> None:
+        """Set slips, twists and rolls between two moments, across the mean of r."""
+        r = 0.5 * (before.r[:, at] + after.r[:, at])
+        length = np.sqrt(np.sum(r * r, axis=0))
+        self._way[:, at] = self._deform(r / length, length, after.moved[:, at] - before.moved[:, at])
+
+    def _begin(self, x: Array, ways: Array, out: Moment | None) -> Moment:
         moved, n = self._move(x, ways), len(self._length)
-        spare = Moment(moved, np.empty_like(self._r), np.empty(n), np.empty(n)) if out is None else out
-        for at, work, *_ in self._blocks:
-            e, length = spare.e[at], spare.length[at]
-            e[:] = 0.0  # |r|^2 - |r_0|^2, no difference of near-equal lengths
-            for across, start, r in zip(moved, self._r, spare.r, strict=False):
-                np.add(start[at], across[at], out=r[at])
-                np.add(start[at], r[at], out=work)
-                work *= across[at]
-                e += work
-            np.add(self._square[at], e, out=length)
-            np.sqrt(length, out=length)
-            e /= np.add(self._length[at], length, out=work)
-        if len(walls := self._walls):
-            spare.r[:, walls], spare.length[walls] = self._r[:, walls], 1.0
-            spare.e[walls] = np.sum(self._r[:, walls] * moved[: len(self.axes), walls], axis=0)
-        if extra := len(self._gap):
-            spare.e[-extra:] += self._gap
-        return Moment(moved, spare.r, spare.length, spare.e)
+        return Moment(moved, *((np.empty_like(self._r), np.empty(n), np.empty(n)) if out is None else out[1:]))
+
+    def _place(self, found: Moment, at: slice, walls: Index, work: Array, *_: Array) -> None:
+        """Set vectors, lengths and elongations of contacts at a moment."""
+        e, length = found.e[at], found.length[at]
+        for axis, (across, start, r) in enumerate(zip(found.moved, self._r, found.r, strict=False)):
+            np.add(start[at], across[at], out=r[at])
+            part = np.add(start[at], r[at], out=work if axis else e)
+            part *= across[at]
+            if axis:
+                e += part  # |r|^2 - |r_0|^2, no difference of near-equal lengths
+        np.add(self._square[at], e, out=length)
+        np.sqrt(length, out=length)
+        e /= np.add(self._length[at], length, out=work)
+        if len(walls):
+            found.r[:, walls], found.length[walls] = self._r[:, walls], 1.0
+            found.e[walls] = np.sum(self._r[:, walls] * found.moved[: len(self.axes), walls], axis=0)
+        if len(self._gap):
+            e += self._gap[at]
 
     def elongation(self, at: Moment) -> Array:
         """Return e of a moment."""
@@ -250,40 +275,38 @@ class TrueDirections(_Directions):
         slip, twist = across - n * np.sum(n * across, axis=0) - length * _cross(moved[3:6], n), np.sum(n * roll, axis=0)
         return np.concatenate([slip, twist[None], roll - n * twist])
 
-    def since(self, before: Moment, after: Moment) -> Array:
-        """Return slips, twists and rolls between two moments, across the mean of r; they hold until the next call."""
-        r, length = _mean(before, after)
-        self._way[:] = self._deform(r / length, length, after.moved - before.moved)
-        return self._way
-
     def rate(self, at: Moment, v: Array, ways: Array) -> Array:
         """Return the rates of all deformations (count, n_c), at velocities ``v`` and speeds of the drives."""
         n, moving = at.r / at.length, self._move(v, ways)
         return np.concatenate([np.sum(n * moving[: len(n)], axis=0)[None], self._deform(n, at.length, moving)])
 
-    def turn(self, pull: Array, before: Moment, after: Moment, half: int) -> Array:
-        """Return the forces across contacts as they have turned in the first or the second half of a step."""
+    def turn(self, pull: Array, before: Moment, after: Moment, first: bool = True) -> Array:
+        """Return the forces across contacts as they have turned in the ``first`` half of a step, or in the second."""
         r, length = _mean(before, after)
         mean, t = r / length, pull[1:].copy()
-        a, b = (before.r / before.length, mean) if half == 0 else (mean, after.r / after.length)
+        a, b = (before.r / before.length, mean) if first else (mean, after.r / after.length)
         angle = 0.25 * np.sum((after.moved[9:] - before.moved[9:]) * mean, axis=0)
         for part in (t[:3], t[4:]):
             part -= np.sum(b * part, axis=0) / (1.0 + np.sum(a * b, axis=0)) * (a + b)
             part[:] = part * np.cos(angle) + _cross(b, part) * np.sin(angle)
         return t
 
+    def turn_on(self, pull: Array, before: Moment, after: Moment) -> None:
+        """Turn the forces across contacts in the second half of a step."""
+        pull[1:] = self.turn(pull, before, after, first=False)
+
     def _act(self, at: Moment, pull: Array, before: Moment | None) -> Array:
         """Return what acts along the motions of contacts; over a step, so that it keeps its energy."""
-        normal, r, length = pull[0] + self._rest, at.r, at.length
+        r, length, both = at.r, at.length, None
         if before is not None:
             r, length = _mean(before, at)
-            normal *= 2.0 * length / (at.length + before.length)
-        self._resist(normal, r, length, pull)
+            both = 2.0 * length / (at.length + before.length)
+        self._resist(r, length, pull, both)
         return self._acting.ravel()
 
-    def _resist(self, normal: Array, r: Array, length: Array, pull: Array) -> None:
-        """Set forces and torques of contacts."""
-        n, across = r / length, pull[1:4]
+    def _resist(self, r: Array, length: Array, pull: Array, factor: Any) -> None:
+        """Set forces and torques of contacts, whose normal forces have a factor."""
+        n, across, normal = r / length, pull[1:4], (pull[0] + self._rest) * (1.0 if factor is None else factor)
         self._acting[:3], self._acting[3:6] = normal * n - across, length * _cross(n, across)
         self._acting[6:9] = -(pull[4] * n + pull[5:])
 
@@ -307,42 +330,41 @@ class PlaneDirections(TrueDirections):
     """
 
     slips, axes, turns = 1, (0, 1), (2,)
+    turn, turn_on = _Directions.turn, _Directions.turn_on
 
     def _list_rows(self, slip: Array, twist: Array, roll: Array, held: Array) -> tuple[Array, Array]:
         n, rows = self._r / self._length, 1 + int(np.any(roll))
         return np.array([slip, roll])[:rows], np.array([n[0] * held[1] - n[1] * held[0], np.zeros(len(slip))])[:rows]
 
-    def _parts(self, share: Array, other: Array) -> list[tuple[Any, Any]]:
-        return [(share, other), (-1.0, 1.0)][: len(self.ratio)]
+    def _parts(self, near: Array, other: Array) -> list[tuple[Any, Any]]:
+        return [(near, other), (-1.0, 1.0)][: len(self.ratio)]
 
     def _deform(self, n: Array, length: Array, moved: Array) -> Array:
         return np.concatenate([(n[0] * moved[1] - n[1] * moved[0] - length * moved[2])[None], moved[3:]])
 
-    def since(self, before: Moment, after: Moment) -> Array:
-        new, old = after.moved, before.moved
-        for at, x, y, work in self._blocks:
-            np.add(before.r[0, at], after.r[0, at], out=x)
-            np.add(before.r[1, at], after.r[1, at], out=y)
-            slip = np.subtract(new[1, at], old[1, at], out=self._way[0, at])
-            slip *= x
-            slip -= np.multiply(np.subtract(new[0, at], old[0, at], out=work), y, out=work)
-            x *= x
-            y *= y
-            x += y
-            slip /= np.sqrt(x, out=x)  # twice the length
-            x *= 0.5
-            slip -= np.multiply(np.subtract(new[2, at], old[2, at], out=work), x, out=work)
-        np.subtract(new[3:], old[3:], out=self._way[1:])
-        return self._way
+    def _slip(self, before: Moment, after: Moment, at: slice, *room: Array) -> None:
+        (_, x, y, work), new, old, slip = room, after.moved, before.moved, self._way[0, at]
+        np.add(before.r[0, at], after.r[0, at], out=x)
+        np.add(before.r[1, at], after.r[1, at], out=y)
+        np.subtract(new[1, at], old[1, at], out=slip)
+        slip *= x
+        slip -= np.multiply(np.subtract(new[0, at], old[0, at], out=work), y, out=work)
+        x *= x
+        y *= y
+        x += y
+        slip /= np.sqrt(x, out=x)  # twice the length
+        x *= 0.5
+        slip -= np.multiply(np.subtract(new[2, at], old[2, at], out=work), x, out=work)
+        if len(self._way) > 1:
+            np.subtract(new[3, at], old[3, at], out=self._way[1, at])
 
-    def turn(self, pull: Array, before: Moment, after: Moment, half: int) -> Array:
-        """Return the forces across contacts as they are."""
-        return pull[1:]
-
-    def _resist(self, normal: Array, r: Array, length: Array, pull: Array) -> None:
-        for at, push, pull_of, work in self._blocks:
+    def _resist(self, r: Array, length: Array, pull: Array, factor: Any) -> None:
+        for at, _, push, pull_of, work in self._blocks:
             np.divide(1.0, length[at], out=work)
-            np.multiply(normal[at], work, out=push)
+            np.add(pull[0, at], self._rest[at], out=push)
+            push *= work
+            if factor is not None:
+                push *= factor[at]
             np.multiply(pull[1, at], work, out=pull_of)
             x, y, torque = self._acting[:3, at]
             np.multiply(push, r[0, at], out=x)
@@ -350,7 +372,7 @@ class PlaneDirections(TrueDirections):
             np.multiply(push, r[1, at], out=y)
             y -= np.multiply(pull_of, r[0, at], out=work)
             np.multiply(pull[1, at], length[at], out=torque)
-        np.negative(pull[2:], out=self._acting[3:])
+        self._acting[3:] = -pull[2:]
 
 
 def _mean(before: Moment, after: Moment) -> tuple[Array, Array]:

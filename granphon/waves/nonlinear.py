@@ -44,7 +44,7 @@ from granphon.networks.network import ContactNetwork, given_network
 from granphon.waves.contact_forces import ContactForces, PairLaws, Powers, Touch
 from granphon.waves.directions import FixedDirections, PlaneDirections, TrueDirections
 from granphon.waves.motion import Frames, Motion
-from granphon.waves.neighbours import find_neighbours, orient
+from granphon.waves.neighbours import find_neighbours, leave_out, orient
 from granphon.waves.operator import WaveOperator
 from granphon.waves.pulses import read_balls, read_vector, require_moves
 from granphon.waves.settings import GEOMETRIES, SCHEMES
@@ -295,6 +295,7 @@ class _Stop(Exception):
     """A run cannot go on."""
 
 
+_NOTHING = np.zeros(0)
 _CTRL_C = "Ctrl-C"
 _TOO_LONG = "the step is too long for contacts that have become stiffer"
 
@@ -408,15 +409,15 @@ class _System:
         normal = self.waves.normal
         e = self.fixed.at(x, np.zeros(len(self.moved)))[0]
         size = float(np.mean(self.network.radii[self.network.moving]))
-        # the first of the depths 1e-12 size 1.25^number that takes the energy, by bisection
-        low, high = np.zeros(len(e)), np.full(len(e), 200.0 if energy > 0.0 else 0.0)
+        # the first of these depths that takes the energy, by bisection
+        depths = 1e-12 * size * 1.25 ** np.arange(201.0)
+        low, high = np.zeros(len(e), np.intp), np.full(len(e), 200 if energy > 0.0 else 0)
         while np.any(low < high):
-            middle = np.floor(0.5 * (low + high))
-            deep = 1e-12 * size * 1.25**middle
+            middle = (low + high) // 2
+            deep = depths[middle]
             short = normal.store(-deep) + normal.rest * deep < energy
-            low, high = np.where(short, middle + 1.0, low), np.where(short, high, middle)
-        deep = 1e-12 * size * 1.25**low
-        _, stiffness = normal.press(np.minimum(-deep, e))
+            low, high = np.where(short, middle + 1, low), np.where(short, high, middle)
+        _, stiffness = normal.press(np.minimum(-depths[low], e))
         if np.any(self.waves.gravity):  # what a ball of this network falls by its own size presses
             stiffness = np.maximum(stiffness, self.network.normal_stiffness)
         top = self._top(stiffness)
@@ -470,8 +471,8 @@ class _System:
         if np.any(self.ways):
             raise InputError("a displacement does not begin at zero", mend="Give a function that is zero at zero")
         still = where.at(np.zeros_like(x), np.zeros_like(self.ways))
-        self.at = where.at(x, self.ways)
-        self.touch = forces.begin(where.elongation(self.at), where.since(still, self.at), where.held)
+        self.at, way = where.step(still, x, self.ways)
+        self.touch = forces.begin(where.elongation(self.at), way, where.held)
         nothing = np.zeros(self.network.n_contacts)
         self._at_rest = forces.springs(np.concatenate([nothing[None], where.held]), forces.normal.press(nothing)[1])
         # of slip, twist and roll, of dashpots, and of drives
@@ -496,11 +497,11 @@ class _System:
         self.v += kick
         moved = step * self.v
         self.x += moved
-        self.at = at = where.at(self.x, ways, self._spare[0])
-        way = where.since(old_at, at)
-        self.touch, spent = forces.follow(old, where.elongation(at), way, where.turn(old.pull, old_at, at, 0), self._spare[1])
-        self.touch.pull[1:] = where.turn(self.touch.pull, old_at, at, 1)
-        pull, self._spare = self.touch.pull, (old_at, old)
+        at, way = where.step(old_at, self.x, ways, self._spare[0])
+        held = where.turn(old.pull, old_at, at)
+        self.touch, spent = forces.follow(old, where.elongation(at), way, held, self._spare[1])
+        where.turn_on(self.touch.pull, old_at, at)
+        self.at, pull, self._spare = at, self.touch.pull, (old_at, old)
         self.worked[0] += spent
         if forces.is_damped:
             # the speed at the end of the step, but for what dashpots change within it
@@ -523,8 +524,8 @@ class _System:
         guess, size = 2.0 * self.acceleration - self.last, math.inf
         for _ in range(_ITERATIONS):
             moved = step * (self.v + 0.5 * step * guess)
-            at = where.at(self.x + moved, ways)
-            way, e, held = where.since(old_at, at), where.elongation(at), where.turn(old.pull, old_at, at, 0)
+            at, way = where.step(old_at, self.x + moved, ways)
+            e, held = where.elongation(at), where.turn(old.pull, old_at, at)
             touch, spent = forces.follow(old, e, way, held)
             pull = np.concatenate([forces.normal.mean(old.e, e)[None], 0.5 * (held + touch.pull[1:])])
             if forces.is_damped:
@@ -537,7 +538,7 @@ class _System:
             guess = found
         else:
             raise _Stop(_TOO_LONG)
-        touch.pull[1:] = where.turn(touch.pull, old_at, at, 1)
+        where.turn_on(touch.pull, old_at, at)
         self.last, self.acceleration, self.at, self.touch = self.acceleration, guess, at, touch
         self.x += moved
         self.v += step * guess
@@ -574,8 +575,10 @@ class _System:
 
     def _follow(self, time: float) -> tuple[Array, Array]:
         """Return the ways of moved bodies and the forces on pushed balls at a time."""
+        if not self.drives:
+            return _NOTHING, _NOTHING
         ways, lifts = (np.array([real_number(one(time)) for one in each]) for each in (self._ways, self._lifts))
-        if self.drives and not (np.all(np.isfinite(ways)) and np.all(np.isfinite(lifts))):
+        if not (np.all(np.isfinite(ways)) and np.all(np.isfinite(lifts))):
             what = f"a drive is not a finite number at {time:.4g} s"
             raise _Stop(what) if time else InputError(what, mend="Give a function of the time that returns one")
         return ways, lifts
@@ -590,7 +593,7 @@ class _System:
     def _watch(self, ways: Array) -> None:
         """List anew the balls that may meet, if one may move in a step to ``ways`` by more than half of the margin."""
         speed = math.sqrt(3.0) * max(self.v.max(), -self.v.min()) / self._lightest  # no ball is faster
-        self._travelled += self.step * speed + float(np.max(np.abs(ways - self.ways), initial=0.0))
+        self._travelled += self.step * speed + (float(np.max(np.abs(ways - self.ways))) if len(ways) else 0.0)
         if self._travelled > 0.5 * self._skin:
             places = self.network.positions + self._displace()
             if self._travelled < math.inf:
@@ -616,12 +619,11 @@ class _System:
             near = round_ones[gap < self._skin]
             i, j = np.append(i, near), np.append(j, np.full(len(near), wall))
             shift = np.concatenate([shift, np.zeros((len(near), 3), np.intp)])
-        own = {tuple(key) for key in np.column_stack(orient(network.i, network.j, network.shift)).tolist()}
-        moves = network.moving[i] | network.moving[j]
-        keys = [tuple(key) for key in np.column_stack([i, j, shift])[moves].tolist() if tuple(key) not in own]
+        own, moves = np.column_stack(orient(network.i, network.j, network.shift)), network.moving[i] | network.moving[j]
+        table, n = leave_out(np.column_stack([i, j, shift])[moves], own), network.n_contacts
+        keys = [tuple(key) for key in table.tolist()]
         if set(keys) == set(self._keys):
             return
-        table, n = np.array(keys, np.intp).reshape(-1, 5), network.n_contacts
         before = np.array([self._keys.get(key, -1) for key in keys], np.intp)
         self._keys = {key: n + place for place, key in enumerate(keys)}
         self._join(table[:, 0], table[:, 1], table[:, 2:])
