@@ -26,7 +26,7 @@ from granphon.base.validation import choice, is_one_of
 from granphon.dynamics.local_field import LocalField, local_field, paper_local_field
 from granphon.laws.effective import EffectiveLaw
 from granphon.laws.spread import AveragedLaw
-from granphon.media.medium import MediumBase, Option, explain_untouched
+from granphon.media.medium import Medium, Option, explain_untouched
 from granphon.media.state import ContactState, Law, read_finite_overlap
 
 Array = NDArray[np.float64]
@@ -44,7 +44,7 @@ _LOCAL_FIELDS = ("computed", "paper")
 
 
 @dataclass(frozen=True)
-class LawMedium(MediumBase[ContactState]):
+class LawMedium(Medium[ContactState]):
     """A medium that consists of a contact law: ``at_*`` take scalars or arrays, in SI.
 
     A medium of your own is a subclass with a ``name``, its ``words`` in figures, and :attr:`spread_law`.

@@ -23,6 +23,7 @@ from granphon.array.geometry import ReducedLoad, require_small
 from granphon.array.pressed_sample import PressedSample
 from granphon.array.sample import STEP, Sample, jackknife, standard_error
 from granphon.array.stencils import Stencils
+from granphon.balls.contact_laws import EnergyLaw
 from granphon.balls.diameters import Measured
 from granphon.balls.hertz import HertzLaw
 from granphon.balls.lattices import Lattice, as_direction
@@ -47,7 +48,7 @@ from granphon.media.left_out import (
     estimate_shear_deficit,
 )
 from granphon.media.loading import LoadedSample, require_above
-from granphon.media.medium import MediumBase, Option
+from granphon.media.medium import Medium, Option
 from granphon.media.state import ContactState, read_finite_overlap
 
 Array = NDArray[np.float64]
@@ -72,11 +73,12 @@ _SLOW_FORCE = 0.0015
 
 
 @dataclass(frozen=True)
-class SampleLaw:
+class SampleLaw(EnergyLaw):
     """The contact law of a simulation: mean force, stiffness and energy of a contact against the overlap.
 
     Methods take scalars or arrays of overlaps, m: floats in, floats out. Each overlap needs an equilibrium of every sample,
-    which is found at the first request. The equilibria at the last 64 overlaps are kept.
+    which is found at the first request. The equilibria at the last 64 overlaps are kept. The variance of the slope of the
+    stiffness is infinite.
 
     Attributes
     ----------
@@ -110,21 +112,8 @@ class SampleLaw:
     def __reduce__(self) -> tuple[Any, ...]:
         return SampleLaw, (self.simulation,)  # a copy starts without the samples that are kept
 
-    def energy(self, overlap: ArrayLike) -> Any:
-        """Return the mean energy of a contact, J."""
-        return self._average_at(overlap, lambda sample: sample.energy)
-
-    def force(self, overlap: ArrayLike) -> Any:
-        """Return the mean contact force f, N."""
-        return self._average_at(overlap, lambda sample: sample.force)
-
-    def stiffness(self, overlap: ArrayLike) -> Any:
-        """Return the mean normal stiffness df/d(delta), N/m."""
-        return self._average_at(overlap, lambda sample: sample.normal_stiffness)
-
-    def stiffness_slope(self, overlap: ArrayLike) -> Any:
-        """Return the slope of the stiffness of these samples, d^2f/d(delta)^2, N/m^2, whose variance is infinite."""
-        return self._average_at(overlap, lambda sample: sample.stiffness_slope)
+    def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
+        return self._average_at(overlap, attrgetter(("energy", "force", "normal_stiffness", "stiffness_slope")[order]))
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
         """Return the force fluctuation over the balls, the ratio Delta f / f, at each ``overlap``, m."""
@@ -375,7 +364,7 @@ class SimulatedState(ContactState):
 
     def branch_scales(self, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
         """Return the velocities (m/s) that scale each branch of the ideal lattice to the long waves of the samples."""
-        found, ideal = self.long_waves(direction), self.loaded_lattice.find_waves(direction)[0]
+        found, ideal = self.long_waves(direction), super().polarised_waves(direction)[0]
         places, scales = [self.wave_names.index(name) for name in names], super().branch_scales(direction, names)
         return [np.asarray(found[..., i] / (ideal[..., i] / scale)) for i, scale in zip(places, scales, strict=True)]
 
@@ -496,7 +485,7 @@ def read_geometry(value: Any) -> str | None:
 
 
 @dataclass(frozen=True, eq=False)
-class DirectSimulation(MediumBase[SimulatedState]):
+class DirectSimulation(Medium[SimulatedState]):
     """The medium that simulates samples of the packing, ball by ball, at rest under load.
 
     Parameters
