@@ -557,7 +557,7 @@ def register_law(name: str, law: Any, **units: str) -> Any:
         raise InputError(f"the contact law {name!r} is made already", mend="Give its class, or no units")
     plain = partial(number, low=-1e300, high=1e300)
     rules = {key: Quantity(key, unit, f"1 {unit}", unit, "any") if unit else plain for key, unit in units.items()}
-    LAWS.add(name, NamedLaw(law, rules))
+    LAWS.add(name, NamedLaw(law, rules), law)
     return law
 
 

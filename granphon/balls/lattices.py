@@ -257,7 +257,7 @@ def register_lattice(lattice: Lattice) -> Lattice:
     """
     if not isinstance(lattice, Lattice):
         raise InputError(f"{brief(lattice)} is no lattice", mend="Give a granphon.Lattice")
-    return LATTICES.add(lattice.name, lattice)
+    return LATTICES.add(lattice.name, lattice, lattice)
 
 
 def find_lattice(lattice: str | Lattice, known: Iterable[str] = LATTICES) -> Lattice:

@@ -190,7 +190,7 @@ def register_medium(medium: T) -> T:
     found: type[Medium[Any]] = medium
     if "words" not in own:
         found.words = own["name"]
-    MEDIA.add(own["name"], found)
+    MEDIA.add(own["name"], found, found)
     return medium
 
 

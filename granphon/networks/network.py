@@ -696,7 +696,7 @@ def register_reader(name: str, read: Callable[..., ContactNetwork]) -> Callable[
     """
     if not callable(read):
         raise InputError(f"{brief(read)} reads no files", mend="Give a function of paths")
-    return READERS.add(name, read)
+    return READERS.add(name, read, read)
 
 
 def given_network(source: Any) -> ContactNetwork:

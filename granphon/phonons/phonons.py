@@ -531,6 +531,9 @@ class Phonons:
         Balls of several kinds have the symbols of :func:`~granphon.atoms`; the file names the kind of each.
 
         :func:`load_phonopy` reads the file back without the auxiliary atom. The folder is made if need be.
+
+        A file of granphon is replaced; if another is there, as one of phonopy's own,
+        :class:`~granphon.base.errors.FileExistsInRunError` is raised.
         """
         bridge, top = self.phonopy, self.lattice.top_frequency * self.scales.frequency
         from granphon.phonons.phonopy_bridge import write_phonopy  # by now it can be imported
