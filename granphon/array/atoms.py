@@ -205,10 +205,10 @@ def write_extxyz(path: str | Path, atoms: Atoms) -> None:
 
     ASE's own writer keeps eight decimals. For balls of 8 mm that is 0.1 nm in positions, displacements and diameters, and
     forces depend on differences of these. Masses stand there twice, as ``masses`` for ASE and as ``mass`` for OVITO. Results
-    of the calculator are not written. The folder is made if need be; a file that is there is replaced.
+    of the calculator are not written. The folder is made if need be; a file of granphon is replaced.
 
     Raises :class:`InputError` if ``atoms`` is not an Atoms or ``path`` is not a path, and
-    :class:`~granphon.base.errors.OutputError` where it cannot be written.
+    :class:`~granphon.base.errors.OutputError` where it cannot be written, or another file is there.
     """
     with needing("A structure file"):
         from ase import Atoms

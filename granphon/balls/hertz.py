@@ -77,6 +77,14 @@ def high_pressure_overlap(width: float) -> float:
     return MUCH_LARGER * width / math.sqrt(12.0)
 
 
+def require_pushing(load: Array, least: float = 0.0) -> None:
+    """Raise :class:`InputError` for a force ``load`` below the ``least`` that a contact bears, N."""
+    if not np.all(load >= least):
+        what = "the force of a contact is negative" if least == 0.0 else f"a contact is pulled by more than {-least:.6g} N"
+        why = "One-sided contacts carry no tension" if least == 0.0 else "That is what its adhesion bears"
+        raise InputError(what, why, f"Give f >= {least:.6g}")
+
+
 @dataclass(frozen=True)
 class HertzLaw:
     """Hertz's law f = c delta_+^(3/2): the force between two balls pressed together, zero when they are apart.
@@ -137,8 +145,7 @@ class HertzLaw:
         Raises :class:`InputError` if a force is negative.
         """
         load = real_array("force", force)
-        if not np.all(load >= 0.0):
-            raise InputError("the force of a contact is negative", "One-sided contacts carry no tension", "Give f >= 0")
+        require_pushing(load)
         with np.errstate(over="ignore"):
             ratio = load / self.coefficient
         kept = (ratio >= _LEAST_NORMAL) & (ratio < np.inf)  # where the quotient keeps its digits

@@ -31,11 +31,12 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
+from granphon.balls.contact_laws import FORCE, SLOPE, STIFFNESS
 from granphon.balls.distributions import NormalShape, PointShape, Shape, UniformShape
 from granphon.base.errors import PrecisionError
 from granphon.base.results import read_only
 from granphon.laws.averages import Block, DensityBalls, PointAverages, PointBalls
-from granphon.laws.spread import FORCE, SLOPE, STIFFNESS, CurveLaw, Series, high_pressure_series
+from granphon.laws.spread import CurveLaw, Series, high_pressure_series
 
 Array = NDArray[np.float64]
 #: the number of one step, or an array of the step of each value

@@ -30,7 +30,7 @@ from granphon.media.equilibria import reduce_load
 from granphon.media.friction_history import HISTORY_OPTIONS, REFERENCE_OPTIONS, REST, FrictionHistory, read_start
 from granphon.media.left_out import EXACT, LATTICE, expect_shear_deficit, find_left_out
 from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
-from granphon.media.medium import MediumBase, Option
+from granphon.media.medium import Medium, Option
 from granphon.media.simulation import DEFAULT_SHAPES, DirectSimulation, no_finite_overlap, read_cells
 from granphon.media.state import ContactState, read_finite_overlap
 
@@ -49,7 +49,7 @@ _BALL_TIME = 3e-6
 
 
 @dataclass(frozen=True)
-class AutoMedium(MediumBase[ContactState]):
+class AutoMedium(Medium[ContactState]):
     """The cheapest medium whose expected error is within a tolerance.
 
     Errors are relative errors of velocities and frequencies at the given load, from :mod:`granphon.media.accuracy`. They are
@@ -170,7 +170,7 @@ class AutoMedium(MediumBase[ContactState]):
 
 
 #: the classes of media of packings by the names that scenes and sweeps use
-MEDIA: Registry[type[MediumBase[Any]]] = Registry("medium")
+MEDIA: Registry[type[Medium[Any]]] = Registry("medium")
 for _one in (AveragedLattice, AveragedForce, EffectiveMedium, ClusterMedium, DirectSimulation, AutoMedium):
     MEDIA.own(_one.name, _one)
 
@@ -183,14 +183,14 @@ def register_medium(medium: T) -> T:
     :class:`~granphon.base.errors.InputError` for what is no such class, and for a name that is taken.
     """
     given: Any = medium
-    own = vars(medium) if isinstance(given, type) and issubclass(given, MediumBase) else {}
+    own = vars(medium) if isinstance(given, type) and issubclass(given, Medium) else {}
     if not isinstance(own.get("name"), str):
         mend = "Give a subclass of granphon.LawMedium with a name of its own"
         raise InputError(f"{brief(medium)} is no medium", mend=mend)
-    found: type[MediumBase[Any]] = medium
+    found: type[Medium[Any]] = medium
     if "words" not in own:
         found.words = own["name"]
-    MEDIA.add(own["name"], found)
+    MEDIA.add(own["name"], found, found)
     return medium
 
 
@@ -368,7 +368,7 @@ class MediumChoice:
             why = f"{several.capitalize()} have the medium {CrystalMedium.name} alone, and no others have it"
             raise InputError(f"the medium is {self.label!r}", why, mend)
 
-    def of(self, packing: Balls) -> MediumBase[Any]:
+    def of(self, packing: Balls) -> Medium[Any]:
         """Return the medium for this packing."""
         self.require_for(packing)
         options: Any = dict(self.options)

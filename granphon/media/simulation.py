@@ -23,6 +23,7 @@ from granphon.array.geometry import ReducedLoad, require_small
 from granphon.array.pressed_sample import PressedSample
 from granphon.array.sample import STEP, Sample, jackknife, standard_error
 from granphon.array.stencils import Stencils
+from granphon.balls.contact_laws import EnergyLaw
 from granphon.balls.diameters import Measured
 from granphon.balls.hertz import HertzLaw
 from granphon.balls.lattices import Lattice, as_direction
@@ -47,7 +48,7 @@ from granphon.media.left_out import (
     estimate_shear_deficit,
 )
 from granphon.media.loading import LoadedSample, require_above
-from granphon.media.medium import MediumBase, Option
+from granphon.media.medium import Medium, Option
 from granphon.media.state import ContactState, read_finite_overlap
 
 Array = NDArray[np.float64]
@@ -72,11 +73,12 @@ _SLOW_FORCE = 0.0015
 
 
 @dataclass(frozen=True)
-class SampleLaw:
+class SampleLaw(EnergyLaw):
     """The contact law of a simulation: mean force, stiffness and energy of a contact against the overlap.
 
     Methods take scalars or arrays of overlaps, m: floats in, floats out. Each overlap needs an equilibrium of every sample,
-    which is found at the first request. The equilibria at the last 64 overlaps are kept.
+    which is found at the first request. The equilibria at the last 64 overlaps are kept. The variance of the slope of the
+    stiffness is infinite.
 
     Attributes
     ----------
@@ -110,21 +112,8 @@ class SampleLaw:
     def __reduce__(self) -> tuple[Any, ...]:
         return SampleLaw, (self.simulation,)  # a copy starts without the samples that are kept
 
-    def energy(self, overlap: ArrayLike) -> Any:
-        """Return the mean energy of a contact, J."""
-        return self._average_at(overlap, lambda sample: sample.energy)
-
-    def force(self, overlap: ArrayLike) -> Any:
-        """Return the mean contact force f, N."""
-        return self._average_at(overlap, lambda sample: sample.force)
-
-    def stiffness(self, overlap: ArrayLike) -> Any:
-        """Return the mean normal stiffness df/d(delta), N/m."""
-        return self._average_at(overlap, lambda sample: sample.normal_stiffness)
-
-    def stiffness_slope(self, overlap: ArrayLike) -> Any:
-        """Return the slope of the stiffness of these samples, d^2f/d(delta)^2, N/m^2, whose variance is infinite."""
-        return self._average_at(overlap, lambda sample: sample.stiffness_slope)
+    def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
+        return self._average_at(overlap, attrgetter(("energy", "force", "normal_stiffness", "stiffness_slope")[order]))
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
         """Return the force fluctuation over the balls, the ratio Delta f / f, at each ``overlap``, m."""
@@ -375,7 +364,7 @@ class SimulatedState(ContactState):
 
     def branch_scales(self, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
         """Return the velocities (m/s) that scale each branch of the ideal lattice to the long waves of the samples."""
-        found, ideal = self.long_waves(direction), self.loaded_lattice.find_waves(direction)[0]
+        found, ideal = self.long_waves(direction), super().polarised_waves(direction)[0]
         places, scales = [self.wave_names.index(name) for name in names], super().branch_scales(direction, names)
         return [np.asarray(found[..., i] / (ideal[..., i] / scale)) for i, scale in zip(places, scales, strict=True)]
 
@@ -496,7 +485,7 @@ def read_geometry(value: Any) -> str | None:
 
 
 @dataclass(frozen=True, eq=False)
-class DirectSimulation(MediumBase[SimulatedState]):
+class DirectSimulation(Medium[SimulatedState]):
     """The medium that simulates samples of the packing, ball by ball, at rest under load.
 
     Parameters
@@ -761,8 +750,22 @@ class DirectSimulation(MediumBase[SimulatedState]):
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> SimulatedState:
         """Return the state at a load; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap` take its value in SI."""
         load, wanted = load.applied, read_finite_overlap(finite_overlap)
-        if self.geometry is None:
-            return self._join(load, finite_overlap)
+        if self.geometry is None:  # each load has its own
+            self.require(load)
+            groups = self.by_geometry(load, finite_overlap)
+            if finite_overlap is not None:  # one geometry at all loads
+                return groups[0][0].at(load, finite_overlap=finite_overlap)
+            joined: list[list[Any]] = [[]] * load.size
+            for one, places in groups:
+                try:
+                    states = one.at(load.flat[places]).samples
+                except GranphonError as error:
+                    if error.load_index is not None:
+                        error.load_index = places[error.load_index]
+                    raise
+                for row, place in enumerate(places):
+                    joined[place] = list(states[row * self.samples : (row + 1) * self.samples])
+            return SimulatedState.of(self, [one for each in joined for one in each], load)
         if wanted and not self.is_exact:
             raise no_finite_overlap(self.name)
         if finite_overlap is not None and self.is_exact and not wanted:
@@ -774,9 +777,9 @@ class DirectSimulation(MediumBase[SimulatedState]):
         given = self.packing.structure, prescribed, self.workers, self.ratio
         every = [read_only(self.deviations(index)) for index in range(self.samples)]
         if self.executor is None:
-            found = [find_equilibria(one, *given) for one in every]
+            found = [find_equilibria(own, *given) for own in every]
         else:
-            jobs = [self.executor.submit(find_equilibria, one, *given) for one in every]
+            jobs = [self.executor.submit(find_equilibria, own, *given) for own in every]
             found = [share_array(job.result(), self.workers) for job in jobs]
         samples = [
             Sample(self.packing, self.seed_of(index), equilibria[place])
@@ -784,24 +787,6 @@ class DirectSimulation(MediumBase[SimulatedState]):
             for index, equilibria in enumerate(found)
         ]
         return SimulatedState.of(self, samples, load)
-
-    def _join(self, load: Load, finite_overlap: bool | None) -> SimulatedState:
-        """Return the state at loads of which each has its own geometry."""
-        self.require(load)
-        groups = self.by_geometry(load, finite_overlap)
-        if finite_overlap is not None:  # one geometry at all loads
-            return groups[0][0].at(load, finite_overlap=finite_overlap)
-        samples: list[list[Any]] = [[]] * load.size
-        for one, places in groups:
-            try:
-                found = one.at(load.flat[places]).samples
-            except GranphonError as error:
-                if error.load_index is not None:
-                    error.load_index = places[error.load_index]
-                raise
-            for row, place in enumerate(places):
-                samples[place] = list(found[row * self.samples : (row + 1) * self.samples])
-        return SimulatedState.of(self, [one for each in samples for one in each], load)
 
     def path(
         self, load: Load | None = None, *, force: ArrayLike | None = None, pressure: ArrayLike | None = None,

@@ -252,6 +252,9 @@ class Bands(Result):
 
         A ball of six motions is two atoms. The second, "Sn", stands a little aside of its ball. As in phonopy, its
         eigenvector has the phase at that place; :meth:`read` restores the phase at the ball.
+
+        A file of granphon is replaced; if another is there, as one of phonopy's own,
+        :class:`~granphon.base.errors.FileExistsInRunError` is raised.
         """
         top = float(self.frequencies.max())
         unit = HertzPrefix.for_top(top)
