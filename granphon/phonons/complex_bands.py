@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.base.errors import PrecisionError
 from granphon.base.results import Result
 from granphon.base.validation import frequency_array
 from granphon.dynamics.bloch_waves import find_bloch_waves
@@ -17,6 +18,8 @@ from granphon.dynamics.half_space import HalfSpace
 from granphon.networks.network import ContactNetwork
 
 Array = NDArray[np.float64]
+#: part of a wave that the next layer must have, at least: that of a wave number with three digits
+_LEAST = 1e-12
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -26,7 +29,7 @@ class ComplexBands(Result):
     A motion changes by exp(i k h) from layer to layer, in the time exp(-2 pi i f t). Waves of the first half of a row run or
     decay towards higher layers, waves of the second half towards lower layers. In each half running waves come first; the
     others follow, the slowest decay first. An imaginary part is infinite where a motion reaches no other layer at a
-    frequency.
+    frequency. The error of exp(i k h) is about 1e-15, so that of k h grows with the decay.
 
     Attributes
     ----------
@@ -67,7 +70,13 @@ def find_complex_bands(
     damped = ContactDamping.of(space.cut, damping, loss_factor)
     along, omega = space.read_wavevector(q), at / space.units.frequency
     blocks = space.couplings(along, *(() if damped.is_none else damped.soften(2.0 * np.pi * at)))
-    senses = find_bloch_waves(blocks, omega**2, space.size // space.reach)
+    far = omega**2 * _LEAST > np.max(np.abs(blocks.inner))
+    senses = [] if np.any(far) else find_bloch_waves(blocks, omega**2, space.size // space.reach)
+    for n, pair in enumerate(senses):
+        far[n] = any(np.any(np.abs(one.factors) ** sign < _LEAST) for one, sign in zip(pair, (1, -1), strict=True))
+    if np.any(far):
+        what = f"at {float(at[far][0]):g} Hz a wave decays by more than {1.0 / _LEAST:g} from layer to layer"
+        raise PrecisionError(what, "Its wave number would have no digits", "Take other frequencies")
     size = space.size
     found = np.empty((len(at), 2, size), complex)
     for row, pair in zip(found, senses, strict=True):

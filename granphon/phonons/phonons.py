@@ -355,7 +355,8 @@ class Phonons:
         damping, loss_factor : viscosity of contacts over their stiffness, s, and part of the stiffness that loses energy at
             any frequency, as in :meth:`Waves.response`: numbers, or tuples of two, for normal and for all other motion.
 
-        Raises :class:`~granphon.base.errors.PrecisionError` for a frequency at the very edge of a band.
+        Raises :class:`~granphon.base.errors.PrecisionError` for a frequency at the very edge of a band, and for one so high
+        that a wave decays by more than 1e12 from layer to layer.
         """
         network = given_network(self.state)
         if len(self.atoms) != int(np.count_nonzero(network.moving)):
