@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.ball import Body, ContactConstants
-from granphon.balls.hertz import HertzLaw
+from granphon.balls.hertz import HertzLaw, require_pushing
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import ADHESION, LOADS, Quantity
 from granphon.base.registry import Registry
@@ -108,13 +108,6 @@ class EnergyLaw(ABC):
         return self._evaluate(overlap, SLOPE)
 
 
-def _require_pushing(load: Array, least: float = 0.0) -> None:
-    if not np.all(load >= least):
-        what = "the force of a contact is negative" if least == 0.0 else f"a contact is pulled by more than {-least:.6g} N"
-        why = "One-sided contacts carry no tension" if least == 0.0 else "That is what its adhesion bears"
-        raise InputError(what, why, f"Give f >= {least:.6g}")
-
-
 @dataclass(frozen=True)
 class Hertz:
     """Hertz's law f = (4/3) E* R^(1/2) delta^(3/2) of two elastic balls, also of unlike ones.
@@ -169,7 +162,7 @@ class PowerLaw(EnergyLaw):
     def overlap(self, force: ArrayLike) -> Any:
         """Overlap (f/c)^(1/a), m, under a ``force`` f, N; :class:`InputError` if it is negative."""
         load = np.asarray(real_array("force", force))
-        _require_pushing(load)
+        require_pushing(load)
         return ((load / self.coefficient) ** (1.0 / self.exponent))[()]
 
 
@@ -226,7 +219,7 @@ class DMTLaw(EnergyLaw):
     def overlap(self, force: ArrayLike) -> Any:
         """Overlap, m, at a ``force``, N; :class:`InputError` for a tension that the contact does not bear."""
         load = np.asarray(real_array("force", force))
-        _require_pushing(load, -self.tension)
+        require_pushing(load, -self.tension)
         return self.hertz.overlap(load + self.tension)
 
 
@@ -301,7 +294,7 @@ class JKRLaw(EnergyLaw):
     def overlap(self, force: ArrayLike) -> Any:
         """Overlap, m, at a ``force``, N; :class:`InputError` for a tension that the contact does not bear."""
         load = np.asarray(real_array("force", force)) / self.force_scale
-        _require_pushing(load * self.force_scale, -0.75 * self.force_scale)
+        require_pushing(load * self.force_scale, -0.75 * self.force_scale)
         cube = 0.75 * (1.0 + np.sqrt(np.maximum(1.0 + 4.0 / 3.0 * load, 0.0)))
         u = np.cbrt(cube)
         return (self.length * u * (cube - 1.0))[()]
@@ -411,7 +404,7 @@ class TabulatedLaw(EnergyLaw):
     def overlap(self, force: ArrayLike) -> Any:
         """Overlap, m, under a ``force``, N; :class:`InputError` if it is negative."""
         load = np.asarray(real_array("force", force))
-        _require_pushing(load)
+        require_pushing(load)
         places, values = self._knots
         goal = np.log(np.where(load > 0.0, load, self.forces[0]))
         # log f rises with log delta: Newton's method, kept between the two points of the table

@@ -14,7 +14,6 @@ from granphon.balls.ball import RIGID_PLANE, Ball
 from granphon.balls.contact_table import TOUCH
 from granphon.balls.lattices import LATTICES, Lattice, find_lattice
 from granphon.base.errors import InputError, brief
-from granphon.base.validation import is_one_of
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -84,7 +83,4 @@ def find_structure(name: str | Lattice) -> Lattice:
     known = {one.lower(): one for one in STRUCTURES}.get(name.lower()) if isinstance(name, str) else None
     if known is not None:
         return STRUCTURES[known]
-    if isinstance(name, Lattice) or is_one_of(name, LATTICES):
-        return find_lattice(name)
-    mend = "Use " + ", ".join([*LATTICES, *STRUCTURES]) + ", or a granphon.Lattice"
-    raise InputError(f"unknown lattice {brief(name)}", LATTICES.failures, mend)
+    return find_lattice(name, [*LATTICES, *STRUCTURES])

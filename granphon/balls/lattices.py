@@ -109,18 +109,16 @@ class Lattice:
                 "All contacts of equal balls under load carry the same force here",
                 "Use a lattice in which the directions of each ball's contacts add up to zero",
             )
-        if (known := LATTICES.peek(self.name)) is not None and not self._repeats(known):
+        known = LATTICES.peek(self.name)
+        pairs = () if known is None else ((self.vectors, known.vectors), (self.positions, known.positions))
+        # cell and sites of a lattice of that name are the same, to the rounding at which balls still touch
+        if known and not all(a.shape == b.shape and np.allclose(a, b, rtol=0.0, atol=TOUCH) for a, b in pairs):
             raise InputError(
                 f"the lattice {self.name!r} has a cell or sites of its own",
                 f"There is a lattice of that name, with the cell {brief(known.vectors.round(6).tolist())} and"
                 f" {counted(known.n_balls, 'ball')}",
                 f"Give yours another name, or lattice={self.name!r} to the packing",
             )
-
-    def _repeats(self, other: Lattice) -> bool:
-        """Whether the cell and the sites are those of another lattice, to the rounding at which balls still touch."""
-        pairs = (self.vectors, other.vectors), (self.positions, other.positions)
-        return all(a.shape == b.shape and np.allclose(a, b, rtol=0.0, atol=TOUCH) for a, b in pairs)
 
     @property
     def n_balls(self) -> int:
@@ -262,13 +260,16 @@ def register_lattice(lattice: Lattice) -> Lattice:
     return LATTICES.add(lattice.name, lattice, lattice)
 
 
-def find_lattice(lattice: str | Lattice) -> Lattice:
-    """Find the lattice of a name; a :class:`Lattice` is returned itself. Raises :class:`InputError` for an unknown name."""
+def find_lattice(lattice: str | Lattice, known: Iterable[str] = LATTICES) -> Lattice:
+    """Find the lattice of a name; a :class:`Lattice` is returned itself.
+
+    Raises :class:`InputError` for an unknown name; the message lists those that are ``known``.
+    """
     if isinstance(lattice, Lattice):
         return lattice
     if is_one_of(lattice, LATTICES):
         return LATTICES[lattice]
-    mend = "Use " + ", ".join(LATTICES) + ", or a granphon.Lattice"
+    mend = "Use " + ", ".join(known) + ", or a granphon.Lattice"
     raise InputError(f"unknown lattice {brief(lattice)}", LATTICES.failures, mend)
 
 

@@ -1141,14 +1141,6 @@ class CrystalState(Result):
         """
         return self.network.scales
 
-    def _require_single(self) -> None:
-        if not self.is_single:
-            raise InputError(
-                f"the state holds {int(np.prod(self.shape))} loads",
-                "A network, atoms and phonons belong to one",
-                "Make a state with one load, as crystal.at_pressure(1e5) does, or take one of these: state[0]",
-            )
-
     @cached_property
     def limits(self) -> tuple[Check, ...]:
         """What limits the state, as conditions.
@@ -1221,7 +1213,10 @@ class CrystalState(Result):
         ``kinds`` are the names of the crystal, and "floor". Raises :class:`~granphon.base.errors.InputError` for several
         loads.
         """
-        self._require_single()
+        if not self.is_single:
+            what, why = f"the state holds {int(np.prod(self.shape))} loads", "A network, atoms and phonons belong to one"
+            mend = "Make a state with one load, as crystal.at_pressure(1e5) does, or take one of these: state[0]"
+            raise InputError(what, why, mend)
         crystal, table, follows = self.crystal, self.crystal.contacts, self.finite_overlap
         n, d, p = crystal.n_balls, crystal.dimension, crystal.periods
         floors = crystal._floors

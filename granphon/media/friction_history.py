@@ -70,10 +70,8 @@ class FrictionHistory:
             return cls(**given)
         for name, value in given.items():
             if value != HISTORY_OPTIONS[name].default:
-                found, mend = (
-                    f"{show(options[name])} without friction_history",
-                    "Samples then come to rest without friction.",
-                )
+                found = f"{show(options[name])} without friction_history"
+                mend = "Samples then come to rest without friction."
                 raise Refused(found, f"{name} together with friction_history: true", mend, (name,))
         return cls()
 

@@ -87,7 +87,21 @@ class LawMedium(Medium[ContactState]):
                     raise explain_untouched(load, -law.least_overlap)
                 force = np.asarray(law.force(overlap))
             elif load.kind == "pressure":
-                force, overlap = self._solve_at_pressure(load, follows)
+                # P a^(p-1) is the lattice's pressure factor times f if the boundary follows the balls, else P d^(p-1)
+                power = periods - 1
+                slope = load.array / self.packing.structure.pressure_factor  # force over spacing to the power p - 1
+                force = slope * diameter**power
+                overlap = np.asarray(law.overlap(force))
+                # solve f(delta) = slope (d - delta)^(p - 1): f rises and is convex, and the other side falls, so that
+                # Newton's method descends from a larger overlap
+                for _ in range(100 if follows and power else 0):
+                    spacing = diameter - overlap
+                    slide = power * slope * spacing ** (power - 1)
+                    step = (law.force(overlap) - slope * spacing**power) / (law.stiffness(overlap) + slide)
+                    overlap = overlap - step
+                    if np.all(np.abs(step) <= 4e-16 * np.abs(overlap)):
+                        break
+                force = np.asarray(law.force(overlap)) if follows and power else force
             else:
                 force, overlap = load.array, np.asarray(law.overlap(load.array))
             stiffness = np.asarray(law.stiffness(overlap))
@@ -102,29 +116,6 @@ class LawMedium(Medium[ContactState]):
             packing=self.packing, medium=self.name, law=law, force=force[()], overlap=overlap[()],
             normal_stiffness=stiffness[()], finite_overlap=follows,
         )  # fmt: skip
-
-    def _solve_at_pressure(self, load: Load, follows: bool) -> tuple[Array, Array]:
-        """Find force (N) and overlap (m) of a contact at given pressures.
-
-        If the boundary ``follows`` the balls, P a^(p-1) is the lattice's pressure factor times f (sqrt(3) on the triangular
-        lattice, 2 sqrt(2) in fcc); otherwise P d^(p-1) is.
-        """
-        law, d, power = self.law, self.packing.diameter, self.packing.structure.periods - 1
-        slope = load.array / self.packing.structure.pressure_factor  # force over spacing to the power p - 1
-        force = slope * d**power
-        delta = np.asarray(law.overlap(force))
-        if not follows or not power:
-            return force, delta
-        # solve f(delta) = slope (d - delta)^(p - 1): f rises and is convex, and the other side falls, so that Newton's
-        # method descends from a larger overlap
-        for _ in range(100):
-            spacing = d - delta
-            slide = power * slope * spacing ** (power - 1)
-            step = (law.force(delta) - slope * spacing**power) / (law.stiffness(delta) + slide)
-            delta = delta - step
-            if np.all(np.abs(step) <= 4e-16 * np.abs(delta)):
-                break
-        return np.asarray(law.force(delta)), delta
 
 
 @dataclass(frozen=True)

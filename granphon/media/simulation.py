@@ -750,8 +750,22 @@ class DirectSimulation(Medium[SimulatedState]):
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> SimulatedState:
         """Return the state at a load; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap` take its value in SI."""
         load, wanted = load.applied, read_finite_overlap(finite_overlap)
-        if self.geometry is None:
-            return self._join(load, finite_overlap)
+        if self.geometry is None:  # each load has its own
+            self.require(load)
+            groups = self.by_geometry(load, finite_overlap)
+            if finite_overlap is not None:  # one geometry at all loads
+                return groups[0][0].at(load, finite_overlap=finite_overlap)
+            joined: list[list[Any]] = [[]] * load.size
+            for one, places in groups:
+                try:
+                    states = one.at(load.flat[places]).samples
+                except GranphonError as error:
+                    if error.load_index is not None:
+                        error.load_index = places[error.load_index]
+                    raise
+                for row, place in enumerate(places):
+                    joined[place] = list(states[row * self.samples : (row + 1) * self.samples])
+            return SimulatedState.of(self, [one for each in joined for one in each], load)
         if wanted and not self.is_exact:
             raise no_finite_overlap(self.name)
         if finite_overlap is not None and self.is_exact and not wanted:
@@ -763,9 +777,9 @@ class DirectSimulation(Medium[SimulatedState]):
         given = self.packing.structure, prescribed, self.workers, self.ratio
         every = [read_only(self.deviations(index)) for index in range(self.samples)]
         if self.executor is None:
-            found = [find_equilibria(one, *given) for one in every]
+            found = [find_equilibria(own, *given) for own in every]
         else:
-            jobs = [self.executor.submit(find_equilibria, one, *given) for one in every]
+            jobs = [self.executor.submit(find_equilibria, own, *given) for own in every]
             found = [share_array(job.result(), self.workers) for job in jobs]
         samples = [
             Sample(self.packing, self.seed_of(index), equilibria[place])
@@ -773,24 +787,6 @@ class DirectSimulation(Medium[SimulatedState]):
             for index, equilibria in enumerate(found)
         ]
         return SimulatedState.of(self, samples, load)
-
-    def _join(self, load: Load, finite_overlap: bool | None) -> SimulatedState:
-        """Return the state at loads of which each has its own geometry."""
-        self.require(load)
-        groups = self.by_geometry(load, finite_overlap)
-        if finite_overlap is not None:  # one geometry at all loads
-            return groups[0][0].at(load, finite_overlap=finite_overlap)
-        samples: list[list[Any]] = [[]] * load.size
-        for one, places in groups:
-            try:
-                found = one.at(load.flat[places]).samples
-            except GranphonError as error:
-                if error.load_index is not None:
-                    error.load_index = places[error.load_index]
-                raise
-            for row, place in enumerate(places):
-                samples[place] = list(found[row * self.samples : (row + 1) * self.samples])
-        return SimulatedState.of(self, [one for each in samples for one in each], load)
 
     def path(
         self, load: Load | None = None, *, force: ArrayLike | None = None, pressure: ArrayLike | None = None,

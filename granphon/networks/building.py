@@ -301,16 +301,13 @@ def find_rounding(values: Array) -> float:
     finite = values[np.isfinite(values) & (values != 0.0)]
     if not finite.size:
         return 0.0
-    digits = next((d for d in range(*_DIGITS) if np.allclose(_round(finite, d), finite, rtol=1e-14, atol=0.0)), _DIGITS[1])
+    for digits in range(_DIGITS[0], _DIGITS[1] + 1):
+        with np.errstate(all="ignore"):
+            power = 10.0 ** (digits - 1 - np.floor(np.log10(np.abs(finite))))
+            if np.allclose(np.rint(finite * power) / power, finite, rtol=1e-14, atol=0.0):
+                break
     # half a unit of the last digit is up to 5 10^-digits of a number; a distance has that of six coordinates
     return 20.0 * float(np.max(np.abs(finite))) * 10.0**-digits
-
-
-def _round(values: Array, digits: int) -> Array:
-    """Return numbers other than zero with so many significant digits."""
-    with np.errstate(all="ignore"):
-        power = 10.0 ** (digits - 1 - np.floor(np.log10(np.abs(values))))
-        return np.asarray(np.rint(values * power) / power)
 
 
 def _first(values: Array, bad: NDArray[np.bool_]) -> float:

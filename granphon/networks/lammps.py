@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Callable, Iterator, Sequence
@@ -52,11 +53,6 @@ class _Frame:
                 found = brief(cells[place], 40) if len(cells) > place else "nothing"
                 raise InputError(f"{self.name}:{line}: {column}: found {found}, where a number is needed") from None
         return out
-
-    def read_words(self, column: str) -> list[str]:
-        """The words of a column, one for each row that has it."""
-        place = self.names.index(column)
-        return [cells[place] for _, text in self.rows if len(cells := text.split()) > place]
 
 
 def read_dumps(
@@ -137,7 +133,8 @@ def _read_balls(frame: _Frame, length: float, mass: float) -> Balls:
             raise InputError(f"{frame.name} has no column {name}", listed, _WRITE_ATOMS)
     radii = frame.read("radius") if "radius" in frame.names else 0.5 * frame.read("diameter")
     masses = mass * frame.read("mass") if "mass" in frame.names else None
-    kinds = next((tuple(frame.read_words(name)) for name in ("element", "type") if name in frame.names), ())
+    place = next((frame.names.index(name) for name in ("element", "type") if name in frame.names), math.inf)
+    kinds = tuple(cells[int(place)] for _, text in frame.rows if len(cells := text.split()) > place)
     return Balls(
         frame.name, length * (places + frame.origin), length * radii, masses, labels=_read_ids(frame, "id"),
         rounding=length * (rounding + find_rounding(radii)), kinds=kinds if len(set(kinds)) > 1 else None,

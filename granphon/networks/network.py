@@ -200,8 +200,28 @@ class ContactNetwork(Result):
                     found += f", between balls {self.i[bad[0]]} and {self.j[bad[0]]}"
                 more = f" ({bad.size} in all)" if bad.size > 1 else ""
                 raise InputError(f"{what} {bad[0]} of the network {wrong}: {found}{more}", mend=mend)
+        # no contact is listed twice, from one end or from both; a wall may touch a ball at several places
         if self.n_contacts:
-            _check_once(self)
+            i, j, shift = self.i, self.j, self.shift
+            leading = np.take_along_axis(shift, np.argmax(shift != 0, axis=1)[:, None], axis=1)[:, 0]
+            turned = (i > j) | ((i == j) & (leading < 0))
+            step = np.where(turned[:, None], -shift, shift)
+            pair = np.where(turned, j, i) * self.n_balls + np.where(turned, i, j)
+            order = np.argsort(pair, kind="stable")
+            alike = np.diff(pair[order], prepend=-1) == 0
+            order = order[alike | np.append(alike[1:], False)]  # few: two balls rarely touch through more than one image
+            order = order[np.lexsort((*step[order].T, pair[order]))]
+            same = (np.diff(pair[order]) == 0) & ~np.any(np.diff(step[order], axis=0), axis=1)
+            before, after = order[:-1][same], order[1:][same]
+            of_wall = ~(self.moving[i[after]] & self.moving[j[after]])
+            sign = np.where(turned[before] == turned[after], 1.0, -1.0)[:, None]
+            elsewhere = np.any(np.abs(self.normal[before] - sign * self.normal[after]) > _UNIT, axis=1)
+            twice = ~(of_wall & elsewhere)
+            if np.any(twice):
+                one, other = int(before[twice][0]), int(after[twice][0])
+                more = f" ({np.count_nonzero(twice)} such in all)" if np.count_nonzero(twice) > 1 else ""
+                what = f"contacts {one} and {other} of the network are the same, between balls {i[one]} and {j[one]}{more}"
+                raise InputError(what, "Every contact counts once", "List each contact from one of its ends only")
         # names are unique, and an array has the balls of all of its cells
         if self.labels is not None and np.unique(self.labels).size != self.n_balls:
             raise InputError("two balls of the network have the same label", mend="Give each a label of its own")
@@ -447,7 +467,8 @@ class ContactNetwork(Result):
         count, words = whole_number("layers", layers, 1, MOST_CELLS), read_edges(edges)
         periods, n, d = np.flatnonzero(self.pbc), self.n_balls, self.dimension
         cut, stack = self.layers_across(axis), np.zeros(3)
-        turn, p, stack[:d] = cut.turn_space(), len(cut.cell), cut.stack
+        turn, p, stack[:d] = np.eye(3), len(cut.cell), cut.stack
+        turn[:d, :d] = cut.turn
         sites, shift = self.positions.copy(), self.shift[:, periods]
         sites[:, :d], shift = cut.gather(sites[:, :d], self.i, self.j, shift, np.isinf(self.radii))
         _, rise = cut.split(shift)
@@ -763,30 +784,6 @@ def _list_demands(network: ContactNetwork) -> Iterator[tuple[str, Any, str, str]
     yield "normal_stiffness", network.normal_stiffness >= 1.0 / LARGEST, f"has a stiffness {said}", ""
     for name in _SPRINGS:
         yield name, getattr(network, name) <= LARGEST, f"has a {name} {said}", ""
-
-
-def _check_once(network: ContactNetwork) -> None:
-    """Check that no contact is listed twice, from one end or from both; a wall may touch a ball at several places."""
-    i, j, shift = network.i, network.j, network.shift
-    leading = np.take_along_axis(shift, np.argmax(shift != 0, axis=1)[:, None], axis=1)[:, 0]
-    turned = (i > j) | ((i == j) & (leading < 0))
-    step = np.where(turned[:, None], -shift, shift)
-    pair = np.where(turned, j, i) * network.n_balls + np.where(turned, i, j)
-    order = np.argsort(pair, kind="stable")
-    alike = np.diff(pair[order], prepend=-1) == 0
-    order = order[alike | np.append(alike[1:], False)]  # few: two balls rarely touch through more than one image
-    order = order[np.lexsort((*step[order].T, pair[order]))]
-    same = (np.diff(pair[order]) == 0) & ~np.any(np.diff(step[order], axis=0), axis=1)
-    before, after = order[:-1][same], order[1:][same]
-    of_wall = ~(network.moving[i[after]] & network.moving[j[after]])
-    sign = np.where(turned[before] == turned[after], 1.0, -1.0)[:, None]
-    elsewhere = np.any(np.abs(network.normal[before] - sign * network.normal[after]) > _UNIT, axis=1)
-    twice = ~(of_wall & elsewhere)
-    if np.any(twice):
-        one, other = int(before[twice][0]), int(after[twice][0])
-        more = f" ({np.count_nonzero(twice)} such in all)" if np.count_nonzero(twice) > 1 else ""
-        what = f"contacts {one} and {other} of the network are the same, between balls {i[one]} and {j[one]}{more}"
-        raise InputError(what, "Every contact counts once", "List each contact from one of its ends only")
 
 
 def number_pieces(i: Index, j: Index, moving: NDArray[np.bool_]) -> Index:

@@ -224,11 +224,8 @@ def read_tables(balls: Any, contacts: Any, columns: Mapping[str, str], cell: Any
         of_balls.name, positions, radii, of_balls.find("mass"), of_balls.find("inertia"), labels, kinds=of_balls.kinds
     )
     of_contacts.require("i", "j")
-    i, j, steps = (
-        of_contacts.whole("i"),
-        of_contacts.whole("j"),
-        of_contacts.vectors("shift_1", "shift_2", "shift_3", wide=True),
-    )
+    i, j = of_contacts.whole("i"), of_contacts.whole("j")
+    steps = of_contacts.vectors("shift_1", "shift_2", "shift_3", wide=True)
     shift = None if steps is None else read_whole_numbers(f"shift of {of_contacts.name}", steps)
     springs = {
         name: of_contacts.find(name) for name in CONTACTS if name.endswith(("force", "stiffness")) or name.startswith("arm")

@@ -32,7 +32,7 @@ from granphon.phonons.phonopy_atoms import choose_symbols
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 #: rows and columns of a matrix in Voigt order
-_VOIGT = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
+VOIGT = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
 
 
 class BallContacts(Calculator):  # type: ignore[misc]
@@ -166,7 +166,7 @@ class BallContacts(Calculator):  # type: ignore[misc]
         self.results = {"energy": energy, "free_energy": energy, "forces": forces}
         if volume > 0.0:
             stress = vector.T @ pull / volume
-            self.results["stress"] = (0.5 * (stress + stress.T))[_VOIGT]
+            self.results["stress"] = (0.5 * (stress + stress.T))[VOIGT]
         elif "stress" in properties:
             raise InputError("the cell has no volume", "Stress is force over area", "Give it three vectors")
 

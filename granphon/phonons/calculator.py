@@ -42,7 +42,7 @@ from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.rows import Row, contact_rows, push_rows
 from granphon.media.state import ContactState, Law, NetworkState, as_state, given_state
 from granphon.networks.network import ContactNetwork
-from granphon.phonons.ball_contacts import BallContacts
+from granphon.phonons.ball_contacts import VOIGT, BallContacts
 from granphon.phonons.contacts import ContactFinder, keep_rows
 from granphon.phonons.phonopy_atoms import choose_symbols, name_balls
 
@@ -57,8 +57,6 @@ _LEAST_OVERLAP = 1e-10
 _FAR = 0.5
 #: all motions of balls that have 1, 2 or 3 coordinates
 _MOTIONS = (LONGITUDINAL, IN_PLANE, ALL)
-#: rows and columns of a matrix in Voigt order
-_STRESS_ORDER = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
 #: what the cell of a lattice of 1, 2 or 3 periods is measured by
 _EXTENTS = ("length along x", "area in the plane", "volume")
 
@@ -80,39 +78,30 @@ def atoms(state: Any) -> Atoms:
     Raises :class:`~granphon.base.errors.InputError` if the state holds several loads, and for a network without a period.
     """
     found: Any = as_state(state)
-    if not found.follows_law:
-        return _make_network_atoms(found)
-    state = given_state(found)
-    scales, lattice = state.scales, state.packing.structure
-    spacing = 1.0 - state.relative_overlap if state.finite_overlap else 1.0
+    scales = found.scales
+    lattice: Any = found.packing.structure if found.follows_law else found.contact_lattice()
+    spacing = 1.0 - found.relative_overlap if found.follows_law and found.finite_overlap else 1.0
     cell, positions = np.eye(3), np.zeros((lattice.n_balls, 3))
     cell[: lattice.periods] = 0.0
-    cell[: lattice.periods, : lattice.dimension] = lattice.vectors * spacing
+    cell[: lattice.periods, : lattice.dimension] = (lattice.vectors if found.follows_law else lattice.cell) * spacing
     positions[:, : lattice.dimension] = lattice.positions * spacing
     balls = Atoms([BALL] * lattice.n_balls, positions=positions, cell=cell, pbc=np.arange(3) < lattice.periods)
+    if not found.follows_law:
+        network, kinds = found.network, found.kinds
+        balls.symbols = name_balls(lattice.masses, kinds)
+        balls.set_masses(lattice.masses)
+        balls.set_array("radius", network.radii[network.moving] / scales.length)
+        balls.info.update(scales.to_info())
+        if kinds:
+            balls.info["kinds"] = {symbol: name for name, symbol in choose_symbols(kinds).items()}
+        if turning := lattice.motions.rotations:
+            balls.set_array("rotations", np.zeros((len(balls), 3)[: 1 if turning == (2,) else 2]))
+        balls.calc = HarmonicContacts(found, balls)
+        return balls
+    state = given_state(found)
     kind = FINITE if state.finite_overlap else LATTICE
     take_arrays(balls, scales, kind, coordinates=count_coordinates(state.packing))
     balls.calc = HertzMindlin(state)
-    return balls
-
-
-def _make_network_atoms(state: NetworkState) -> Atoms:
-    """Return the balls that move in one cell of a network, in its reduced units."""
-    lattice, network = state.contact_lattice(), state.network
-    cell, positions = np.eye(3), np.zeros((lattice.n_balls, 3))
-    cell[: lattice.periods] = 0.0
-    cell[: lattice.periods, : lattice.dimension] = lattice.cell
-    positions[:, : lattice.dimension] = lattice.positions
-    pbc = np.arange(3) < lattice.periods
-    symbols = name_balls(lattice.masses, state.kinds)
-    balls = Atoms(symbols, positions=positions, cell=cell, pbc=pbc, masses=lattice.masses)
-    balls.set_array("radius", network.radii[network.moving] / state.scales.length)
-    balls.info.update(state.scales.to_info())
-    if state.kinds:
-        balls.info["kinds"] = {symbol: name for name, symbol in choose_symbols(state.kinds).items()}
-    if turning := lattice.motions.rotations:
-        balls.set_array("rotations", np.zeros((len(balls), 3)[: 1 if turning == (2,) else 2]))
-    balls.calc = HarmonicContacts(state, balls)
     return balls
 
 
@@ -190,7 +179,7 @@ class HarmonicContacts(Calculator):  # type: ignore[misc]
         if not lattice.is_held:
             stress = static + strain.T @ static - (vector + moved).T @ pull
             stress /= abs(np.linalg.det(balls.cell.array[:p, :p]))
-            self.results["stress"] = (0.5 * (stress + stress.T))[_STRESS_ORDER]
+            self.results["stress"] = (0.5 * (stress + stress.T))[VOIGT]
         elif "stress" in properties:
             mend = "Ask for energy or forces"
             raise InputError("a network that bodies without motion hold has no stress of its own", mend=mend)
@@ -386,7 +375,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
             # stress is dE/d(strain of positions and cell) over the volume, one diameter thick across the periods
             stress = np.zeros((3, 3))
             stress[:m, :m] = -np.einsum("ca,cb->ab", pull, vector) / volume
-            self.results["stress"] = (0.5 * (stress + stress.T))[_STRESS_ORDER]
+            self.results["stress"] = (0.5 * (stress + stress.T))[VOIGT]
         elif "stress" in properties:
             mend = f"Give the cell {('a vector along x', 'two vectors in the plane', 'three vectors')[periods - 1]}"
             raise InputError(f"the cell has no {_EXTENTS[periods - 1]}", "Stress is force over area", mend)

@@ -71,9 +71,17 @@ class PairList:
         cell vector has no length, and for periods that are not independent of each other.
         """
         if self._kept is None or not self._serves(positions, cell, periodic, cutoff):
-            reach = cutoff + _SKIN
-            found = _search(positions, cell, periodic, reach)
-            self._kept = found, positions.copy(), cell.copy(), periodic, reach
+            reach, axes = cutoff + _SKIN, np.flatnonzero(periodic)
+            periods = cell[axes]
+            if not np.all(np.any(periods, axis=1)):
+                raise InputError("the balls are periodic along a cell vector of zero length", "The period is not known")
+            if len(axes) and np.prod(np.linalg.svd(periods, compute_uv=False)) < _FLAT:
+                what = f"the balls are periodic in a cell without {('a length', 'an area', 'a volume')[len(axes) - 1]}"
+                raise InputError(what, f"Its vectors are {'parallel' if len(axes) == 2 else 'not independent'}")
+            i, j, steps, vector = find_pairs(positions, periods, reach)
+            shift = np.zeros((len(i), len(cell)), np.intp)
+            shift[:, axes] = steps
+            self._kept = Pairs(i, j, shift, vector), positions.copy(), cell.copy(), periodic, reach
         i, j, shift, _ = self._kept[0]
         vector = positions[j] - positions[i] + shift @ cell
         near = np.einsum("ca,ca->c", vector, vector) < cutoff**2
@@ -98,21 +106,6 @@ class PairList:
         moved = positions - old
         farthest = float(np.sqrt(np.max(np.einsum("na,na->n", moved, moved), initial=0.0)))
         return stretch * reach - 2.0 * farthest >= cutoff
-
-
-def _search(positions: Array, cell: Array, periodic: tuple[bool, ...], cutoff: float) -> Pairs:
-    """Find the pairs not farther apart than ``cutoff``, with a shift for each axis of the cell, periodic or not."""
-    axes = np.flatnonzero(periodic)
-    periods = cell[axes]
-    if not np.all(np.any(periods, axis=1)):
-        raise InputError("the balls are periodic along a cell vector of zero length", "The period is not known")
-    if len(axes) and np.prod(np.linalg.svd(periods, compute_uv=False)) < _FLAT:
-        what = f"the balls are periodic in a cell without {('a length', 'an area', 'a volume')[len(axes) - 1]}"
-        raise InputError(what, f"Its vectors are {'parallel' if len(axes) == 2 else 'not independent'}")
-    i, j, steps, vector = find_pairs(positions, periods, cutoff)
-    shift = np.zeros((len(i), len(cell)), np.intp)
-    shift[:, axes] = steps
-    return Pairs(i, j, shift, vector)
 
 
 # -- contacts -------------------------------------------------------------------------------------------------------------

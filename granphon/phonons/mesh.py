@@ -104,10 +104,17 @@ class ZoneMesh(NamedTuple):
                 first, last = (np.searchsorted(limits, knots[:, end]) for end in (0, -1))
                 within = np.repeat(np.arange(len(knots)), last - first)
                 limit = np.arange(len(within)) - np.repeat(np.cumsum(last - first) - last, last - first)
-                below = _distribution(limits[limit], knots[within].T)
+                # the distribution function there of the B-splines with these knots
+                at, own_knots = limits[limit], knots[within].T
+                below = [(at >= knot).astype(float) for knot in own_knots]
+                for degree in range(1, p + 2):
+                    for k in range(p + 2 - degree):
+                        width = np.maximum(own_knots[k + degree] - own_knots[k], _TINY)  # equal knots make a step
+                        part = np.clip((at - own_knots[k]) / width, 0.0, 1.0)
+                        below[k] = below[k + 1] + part * (below[k] - below[k + 1])
                 for count, one in zip(counted, each, strict=True):
                     count += np.cumsum(np.bincount(last, one, len(count)))
-                    count += np.bincount(limit, one[within] * below, len(count))
+                    count += np.bincount(limit, one[within] * below[0], len(count))
         return counted[:, :-1]
 
 
@@ -136,13 +143,3 @@ def find_point_group(atoms: Atoms, periods: int, frequencies: Callable[[Array], 
     rotations = np.unique(dataset.rotations[:, :periods, :periods], axis=0)
     values = frequencies(_PROBE[:periods] @ rotations)
     return rotations if np.ptp(values, axis=0).max() <= _EQUAL * values.max() else None
-
-
-def _distribution(at: Array, knots: Array) -> Array:
-    """Return the distribution function at ``at`` (n,) of the B-splines with the ascending ``knots`` (n_knots, n)."""
-    found: list[Array] = [(at >= knot).astype(float) for knot in knots]
-    for degree in range(1, len(knots)):
-        for k in range(len(knots) - degree):
-            width = np.maximum(knots[k + degree] - knots[k], _TINY)  # equal knots make a step
-            found[k] = found[k + 1] + np.clip((at - knots[k]) / width, 0.0, 1.0) * (found[k] - found[k + 1])
-    return found[0]

@@ -247,11 +247,8 @@ class Phonons:
         Raises :class:`~granphon.base.errors.InputError` for a damping below zero, and for a cell that is not the cell of the
         state; :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
         """
-        points, network, top = (
-            _check_qpoints(qpoints, self._periods),
-            given_network(self.state),
-            self.scales.angular_frequency,
-        )
+        points, network = _check_qpoints(qpoints, self._periods), given_network(self.state)
+        top = self.scales.angular_frequency
         kept = network.moving[network.i] | network.moving[network.j]
         if np.count_nonzero(kept) != len(self.lattice.contacts):
             raise InputError("the Atoms are another cell than that of the state", mend="Leave atoms out")
