@@ -387,7 +387,7 @@ class ComplexBands(Result):
     A motion changes by exp(i k h) from layer to layer, in the time exp(-2 pi i f t). Waves of the first half of a row run or
     decay towards higher layers, waves of the second half towards lower layers. In each half running waves come first; the
     others follow, the slowest decay first. An imaginary part is infinite where a motion reaches no other layer at a
-    frequency.
+    frequency. The error of exp(i k h) is about 1e-15, so that of k h grows with the decay.
 
     Attributes
     ----------
