@@ -25,7 +25,7 @@ from granphon.figures.waves import choose_states
 from granphon.figures.words import find_differing
 from granphon.fits.transfer import DampingFit
 from granphon.observables.catalogue import CATALOGUE, axis_label
-from granphon.phonons.complex_bands import ComplexBands
+from granphon.phonons.bands import ComplexBands
 from granphon.runs.dataset import Dataset, find_load
 from granphon.waves.response import QUANTITIES, Response
 from granphon.waves.settings import RESPONSES

@@ -10,8 +10,9 @@ the next axis: y in a plane, z in space, x of a chain.
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -25,8 +26,7 @@ from granphon.array.sparse_matrices import compose
 from granphon.balls.ball import BALL_LIMITS, RIGID_PLANE, Ball, Body, ContactConstants
 from granphon.balls.contact_laws import DMT, JKR, Hertz, PairLaw, PowerLaw, TabulatedLaw, check_law, find_law, law_between
 from granphon.balls.contact_table import TOUCH, ContactTable, find_contacts, repeat_contacts, require_joined
-from granphon.balls.kinds import find_kinds, find_structure, list_balls, name_kinds, require_fit
-from granphon.balls.lattices import LATTICES, Lattice
+from granphon.balls.lattices import LATTICES, Lattice, find_structure
 from granphon.balls.layers import Layers, find_faces, read_edges
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.balls.packing import MINDLIN, read_rolling, require_shallow
@@ -254,7 +254,20 @@ class Crystal(Result):
             raise InputError(what, said, "Give balls of one size, or cell and positions at which they touch")
         cell = scale * structure.vectors
         if len(given) == structure.n_balls == 2:
-            require_fit(given, cell, structure.name)
+            # the larger of two balls must not touch each other before they touch the smaller
+            p = structure.periods
+            images = np.stack(np.meshgrid(*[[-1, 0, 1]] * p), axis=-1).reshape(-1, p)
+            gap = float(np.min(np.linalg.norm(images[np.any(images, axis=1)] @ cell, axis=1)))
+            small, large = sorted(given, key=lambda ball: ball.diameter)
+            if gap < large.diameter * (1.0 - TOUCH):
+                least = 2.0 * large.diameter * (0.5 * (small.diameter + large.diameter) / gap) - large.diameter
+                called = small.name or "AB"[given.index(small)]
+                what = f"ball {called} of {small.diameter:g} m is too small for its site in {structure.name}"
+                why = f"The others, of {large.diameter:g} m, touch each other before they touch it: the ratio of the"
+                why += (
+                    f" diameters is {small.diameter / large.diameter:.4g}, and must be {least / large.diameter:.4g} or more"
+                )
+                raise InputError(what, why, f"Give it a diameter of {least:.6g} m or more")
         return cls(balls_on, cell, scale * structure.positions, **({"name": structure.name} | options))
 
     @classmethod
@@ -836,34 +849,27 @@ class Crystal(Result):
         each = np.broadcast_to(field, (*shape, d)).reshape(-1, d)
         return np.broadcast_to(values, shape + values.shape[len(lead) :]), [one if np.any(one) else None for one in each]
 
-    def _tell_lift(self, field: Array | None, pressure: float = 0.0) -> tuple[str, str] | None:
-        """Say, as a reason and what mends it, that gravity lifts balls off what they stand on; None if it does not."""
-        if field is None:
-            return None
-        for face in self.faces:
-            low, high = face.edges
-            way = field[face.axis] if low != "free" else -field[face.axis]
-            if way > 0.0 and (low, high) != ("clamped", "clamped"):
-                others = math.prod(one.thickness for one in self.faces if one is not face)
-                weight = float(np.sum(self.masses[self._frame[1] >= 0])) * way / (self.measure * others)
-                if pressure > weight:
-                    continue
-                unit = ("N", "N/m", "Pa")[self.periods + len(self.faces) - 1]
-                word, sign = (low, "") if low != "free" else (high, "-")
-                why = f"Gravity acts along {sign}{'xyz'[face.axis]}, away from the {word} on which the balls stand"
-                return why, f"Turn it round, or press with more than their weight, {weight:.4g} {unit}"
-        return None
-
     def _push(
         self, words: str, field: Array | None, stress: Array | None = None, strain: Array | None = None,
         pressure: float = 0.0,
     ) -> Push:  # fmt: skip
         """Return the load of gravity, a ``stress`` or ``strain`` (p, p) of the periods, and a pressure on the faces."""
         frame, place, _ = self._frame
+        lifted: tuple[str, str] | None = None  # why gravity lifts balls off what they stand on, and what mends it
         force, pressed, given = np.zeros((3, frame.motion.shape[1]))
         held = np.zeros(len(force), bool)
         if field is not None:
             force[: frame.n_free] = (self.masses[place >= 0, None] * field).ravel()
+            for face in self.faces:
+                low, high = face.edges
+                way = field[face.axis] if low != "free" else -field[face.axis]
+                others = math.prod(one.thickness for one in self.faces if one is not face)
+                weight = float(np.sum(self.masses[place >= 0])) * way / (self.measure * others)
+                if lifted is None and way > 0.0 and pressure <= weight and (low, high) != ("clamped", "clamped"):
+                    unit = ("N", "N/m", "Pa")[self.periods + len(self.faces) - 1]
+                    word, sign = (low, "") if low != "free" else (high, "-")
+                    why = f"Gravity acts along {sign}{'xyz'[face.axis]}, away from the {word} on which the balls stand"
+                    lifted = why, f"Turn it round, or press with more than their weight, {weight:.4g} {unit}"
         if stress is not None:
             force[frame.strains] += frame.work_of(stress)
         if strain is not None:
@@ -876,7 +882,7 @@ class Crystal(Result):
             elif one.edge == "free":
                 at = place[one.balls][place[one.balls] >= 0]
                 pressed[self.dimension * at + one.axis] -= one.sign * push / max(len(at), 1)
-        return Push(force + pressed, held, given, stress, pressed, words, self._tell_lift(field, pressure))
+        return Push(force + pressed, held, given, stress, pressed, words, lifted)
 
     def _push_hydrostatic(self, pressure: float, field: Array | None, words: str) -> Push:
         words += f" {('N', 'N', 'N/m', 'Pa')[self.periods + len(self.faces)]}"
@@ -1259,6 +1265,45 @@ class CrystalState(Result):
             adhesive=crystal._springs.adhere,
             kinds=(*(crystal.names[one] for one in crystal.kind.tolist()), *(RIGID_PLANE.name,) * extra), **own,
         )  # fmt: skip
+
+
+def list_balls(balls: Any) -> list[Any]:
+    """Return balls, the argument of a public call, as a list; one ball is a list of one."""
+    if isinstance(balls, str | Mapping | set | frozenset) or not isinstance(balls, Iterable | Ball):
+        raise InputError(f"the balls are {brief(balls)}", mend="Give a list of granphon.Ball")
+    return [balls] if isinstance(balls, Ball) else list(balls)
+
+
+def find_kinds(balls: Sequence[Any]) -> tuple[tuple[Ball, ...], Index]:
+    """Return the different balls in the order in which they come, and the number of the kind of each."""
+    if not balls:
+        raise InputError("there are no balls", mend="Give a list of granphon.Ball")
+    of_object: dict[int, int] = {}
+    kinds: dict[Ball, int] = {}
+    out = []
+    for ball in balls:
+        at = of_object.get(id(ball))
+        if at is None:
+            if not isinstance(ball, Ball):
+                raise InputError(f"{brief(ball)} is not a ball", mend="Give a granphon.Ball for each site")
+            at = of_object[id(ball)] = kinds.setdefault(ball, len(kinds))
+        out.append(at)
+    return tuple(kinds), np.array(out, np.intp)
+
+
+def name_kinds(kinds: Sequence[Ball], known: Mapping[Ball, str] | None = None) -> tuple[str, ...]:
+    """Return the name of each kind: that which is known or its own, or the next of the letters A, B, C, ..."""
+    names = {ball: (known or {}).get(ball) or ball.name for ball in kinds}
+    taken = {name for name in names.values() if name} | {RIGID_PLANE.name}
+    letters = (
+        "".join(one) for size in itertools.count(1) for one in itertools.product("ABCDEFGHIJKLMNOPQRSTUVWXYZ", repeat=size)
+    )
+    free = (one for one in letters if one not in taken)
+    found = tuple(names[ball] or next(free) for ball in kinds)
+    if len(set(found)) < len(found) or RIGID_PLANE.name in found:
+        twice = next(name for name in found if found.count(name) > 1 or name == RIGID_PLANE.name)
+        raise InputError(f"two kinds are called {twice!r}", "Laws are given by names", "Name each kind differently")
+    return found
 
 
 def _require_room(balls: int) -> None:

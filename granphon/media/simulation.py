@@ -37,7 +37,7 @@ from granphon.base.validation import choice, finite_array, lengths, require, who
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.tensors import bulk_and_shear, longitudinal_modulus, symmetrise, waves_of_tensor
 from granphon.media.equilibria import find_equilibria, find_equilibrium, prescribe, require_load, share_array
-from granphon.media.friction_history import HISTORY_OPTIONS, FrictionHistory
+from granphon.media.friction_history import HISTORY_OPTIONS, FrictionHistory, LoadedSample, require_above
 from granphon.media.left_out import (
     EXACT,
     GEOMETRIES,
@@ -47,7 +47,6 @@ from granphon.media.left_out import (
     choose_geometries,
     estimate_shear_deficit,
 )
-from granphon.media.loading import LoadedSample, require_above
 from granphon.media.medium import Medium, Option
 from granphon.media.state import ContactState, read_finite_overlap
 

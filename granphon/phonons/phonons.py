@@ -13,22 +13,23 @@ from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import touch_once_at_most
-from granphon.base.errors import InputError, brief, needing
+from granphon.base.errors import InputError, PrecisionError, brief, needing
 from granphon.base.scales import Units
 from granphon.base.text import counted
-from granphon.base.validation import grid_numbers, is_one_of, positive, real_array, whole_number
+from granphon.base.validation import frequency_array, grid_numbers, is_one_of, positive, real_array, whole_number
+from granphon.dynamics.bloch_waves import find_bloch_waves
 from granphon.dynamics.compatibility import MOST_BYTES
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.damping import ContactDamping, DampedModes, damp_evenly, damp_unevenly
+from granphon.dynamics.half_space import HalfSpace
 from granphon.media import cost as costs
 from granphon.media.cost import Cost
 from granphon.media.state import State, as_state, given_state
 from granphon.networks.network import given_network
 from granphon.observables.validity import find_warnings
-from granphon.phonons.bands import Bands, PhononModes
+from granphon.phonons.bands import Bands, ComplexBands, PhononModes
 from granphon.phonons.calculator import HertzMindlin, contact_blocks
 from granphon.phonons.calculator import atoms as lattice_atoms
-from granphon.phonons.complex_bands import ComplexBands, find_complex_bands
 from granphon.phonons.dos import DensityOfStates
 from granphon.phonons.mesh import ZoneMesh, find_point_group
 from granphon.phonons.paths import LARGEST_COUNT, MESHES, check_inside, default_letters, interpolate_path, special_points
@@ -59,6 +60,8 @@ _NARROW = 1e-2
 _STARTS, _TURNS = 6, 30
 #: number of branches beyond which it is sought from fewer points, as many edges are near
 _FEW_BRANCHES = 120
+#: part of a wave that the next layer must have, at least: that of a wave number with three digits
+_LEAST_PART = 1e-12
 #: step, 1/d, after which the frequency is that of the extremum to rounding
 _LEVEL = 1e-8
 
@@ -358,7 +361,29 @@ class Phonons:
         network = given_network(self.state)
         if len(self.atoms) != int(np.count_nonzero(network.moving)):
             raise InputError("other atoms than those of the state", mend="Give the network of the larger cell")
-        return find_complex_bands(network, frequencies, axis, q, damping, loss_factor)
+        at = frequency_array("frequencies", frequencies, "above zero", in_order=False)
+        space = HalfSpace(network, axis)
+        damped = ContactDamping.of(space.cut, damping, loss_factor)
+        along, omega = space.read_wavevector(q), at / space.units.frequency
+        blocks = space.couplings(along, *(() if damped.is_none else damped.soften(2.0 * np.pi * at)))
+        far = omega**2 * _LEAST_PART > np.max(np.abs(blocks.inner))
+        senses = [] if np.any(far) else find_bloch_waves(blocks, omega**2, space.size // space.reach)
+        for n, pair in enumerate(senses):
+            far[n] = any(np.any(np.abs(one.factors) ** sign < _LEAST_PART) for one, sign in zip(pair, (1, -1), strict=True))
+        if np.any(far):
+            what = f"at {float(at[far][0]):g} Hz a wave decays by more than {1.0 / _LEAST_PART:g} from layer to layer"
+            raise PrecisionError(what, "Its wave number would have no digits", "Take other frequencies")
+        size = space.size
+        found = np.empty((len(at), 2, size), complex)
+        for row, pair in zip(found, senses, strict=True):
+            for half, waves, sign in zip(row, pair, (1.0, -1.0), strict=True):
+                numbers = space.wavenumbers(waves.factors, along)
+                numbers[: waves.running].imag = 0.0
+                half[:] = complex(0.0, sign * np.inf)
+                half[: len(numbers)] = numbers
+        # what reaches no other layer at any frequency is no wave
+        found = found[:, :, np.any(np.isfinite(found), axis=(0, 1))]
+        return ComplexBands(at, found.reshape(len(at), -1), np.array([one.running for one, _ in senses]), space.height)
 
     def dos(
         self, mesh: Sequence[int] | None = None, method: Literal["tetrahedron", "smearing"] = "tetrahedron",
