@@ -193,7 +193,7 @@ def test_a_mass_on_a_spring_in_each_ball_opens_a_gap():
     assert_allclose(phonons.gaps()[0, 1], ends[1], rtol=1e-12)
 
 
-@pytest.mark.parametrize("force", [0.5, 0.05])
+@pytest.mark.parametrize("force", [0.5, pytest.param(0.05, marks=pytest.mark.exhaustive)])
 def test_loose_balls_are_set_aside(force):
     """Balls without a load, and rows of two that roll between others, are in no modulus, and stay behind in sound."""
     steel = gp.Material(211.65e9, 0.276, 7840.0)

@@ -809,7 +809,7 @@ def test_pressures_are_contact_forces_of_the_packing(folder, capsys):
     scene = folder / "pressed.yaml"
     scene.write_text(
         "material: {young_modulus: 1 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}\n"
-        f"packing: {{diameter: 8 mm, spread: {{uniform: 20 um}}, finite_overlap: true}}\n"
+        "packing: {diameter: 8 mm, spread: {uniform: 20 um}, finite_overlap: true}\n"
         "load: {force: 10 N}\n",
         encoding="utf-8",
     )

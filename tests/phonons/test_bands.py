@@ -10,7 +10,7 @@ import pytest
 import granphon as gp
 from granphon.base.errors import InputError, PrecisionError
 from granphon.phonons.paths import BandPath
-from tests.phonons.conftest import DIAMETER, ETA, STEEL, at_force, at_overlap, phonons_of
+from tests.phonons.conftest import DIAMETER, STEEL, at_force, at_overlap, phonons_of
 
 # -- bands --------------------------------------------------------------------------------------------------------------
 

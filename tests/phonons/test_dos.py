@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from granphon.base.errors import InputError
 from granphon.base.quantities import Quantity
 from granphon.base.tables import Table
 from granphon.phonons.mesh import ZoneMesh
-from tests.phonons.conftest import DIAMETER, ETA, RESISTED, at_force, every_case, phonons_of
+from tests.phonons.conftest import ETA, RESISTED, at_force, every_case, phonons_of
 
 
 class WholeMesh(gp.Phonons):

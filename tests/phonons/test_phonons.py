@@ -6,13 +6,11 @@ import itertools
 
 import numpy as np
 import pytest
-from ase.build import make_supercell
 from hypothesis import strategies as st
 from phonopy import Phonopy
 from phonopy.structure.atoms import PhonopyAtoms
 
 import granphon as gp
-from granphon.balls.lattices import find_lattice
 from granphon.base.errors import InputError, InstabilityError, MechanismError
 from tests.phonons.conftest import (
     RESISTED,
