@@ -209,20 +209,6 @@ def test_overlap_that_buckles_the_lattice(smooth, packing):
         gp.sound_velocities(gp.AveragedLattice(packing).at_overlap((critical + 1e-3) * 8e-3, finite_overlap=True))
 
 
-@pytest.mark.parametrize("lattice", ["square", "kagome"])
-def test_prestress_of_other_lattices_against_the_bands(steel, lattice):
-    # the slope of the bands at Gamma is the sound velocity
-    state = gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice=lattice)).at_overlap(0.02 * 8e-3, finite_overlap=True)
-    delta = 0.02
-    contacts = gp.ContactLattice.of(lattice, ETA, 1 - delta, 2 / 3 * delta / (1 - delta))
-    unit = 8e-3 * math.sqrt(state.normal_stiffness / state.packing.mass)
-    for angle in (0.0, 0.4, math.pi / 4):
-        along = np.array([math.cos(angle), math.sin(angle)])
-        found = gp.sound_velocities(state, along)
-        slopes = contacts.frequencies([1e-6 * along])[0, :2] / 1e-6 * unit
-        assert_allclose(np.sort([found.longitudinal, found.transverse]), slopes, rtol=1e-8)
-
-
 # -- mechanisms -----------------------------------------------------------------------------------------------------------
 
 
