@@ -13,7 +13,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granphon.balls.ball import Ball
 from granphon.balls.contact_laws import Hertz
@@ -28,7 +27,6 @@ from granphon.media.crystal import Crystal, CrystalState
 from granphon.media.medium import Medium
 from granphon.media.state import NetworkState
 
-Array = NDArray[np.float64]
 #: what an arrangement takes as a crystal does
 _OPTIONS = ("law", "friction", "motions", "torsion", "bending")
 #: balls of a crystal up to which its states are found when a scene is only checked

@@ -20,7 +20,7 @@ from operator import attrgetter
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from granphon.array.sparse_matrices import compose
 from granphon.balls.ball import BALL_LIMITS, RIGID_PLANE, Ball, Body, ContactConstants
@@ -30,6 +30,7 @@ from granphon.balls.lattices import LATTICES, Lattice, find_structure
 from granphon.balls.layers import Layers, find_faces, read_edges
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.balls.packing import MINDLIN, read_rolling, require_shallow
+from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, brief
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units
@@ -40,8 +41,6 @@ from granphon.media.limits import Check, check_limit
 from granphon.media.state import read_finite_overlap
 from granphon.networks.network import ContactNetwork
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 #: a contact law that plain data can hold
 Laws = Hertz | PowerLaw | DMT | JKR | TabulatedLaw
 #: most cells of a supercell along a period, and most layers of a cut
@@ -1192,7 +1191,7 @@ class CrystalState(Result):
         return tuple(said for check in self.limits if (said := check.warning) is not None)
 
     @cached_property
-    def _clamped(self) -> NDArray[np.bool_]:
+    def _clamped(self) -> Flags:
         """(n,) which balls are held."""
         held = np.zeros(self.crystal.n_balls, bool)
         for side in self.crystal._sides:
@@ -1200,7 +1199,7 @@ class CrystalState(Result):
         return held
 
     @cached_property
-    def _kept(self) -> NDArray[np.bool_]:
+    def _kept(self) -> Flags:
         """(n_c,) which contacts the network has: those that are closed, and not of two bodies that are held."""
         held, table = self._clamped, self.crystal.contacts
         between = [held[table.i] & held[table.j], *(held[one.balls] for one in self.crystal._floors)]

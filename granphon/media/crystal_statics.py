@@ -26,16 +26,14 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granphon.array.equilibrium import CARRIED_FORCE
 from granphon.array.krylov import conjugate_gradients
 from granphon.array.sparse_matrices import factorise
 from granphon.balls.contact_laws import PairLaw, opening_overlap
+from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import ConvergenceError, InputError, InstabilityError, MechanismError
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 #: residual, over the mean force, at which a state is at rest, and that which must be reached
 _TOLERANCE, _REQUIRED = 2e-15, 1e-12
 #: the first of these where the linear equations are solved by iteration
@@ -161,7 +159,7 @@ class Frame:
     """
 
     vector: Array
-    flat: NDArray[np.bool_]
+    flat: Flags
     motion: Any
     dimension: int
     cell: Array
@@ -244,7 +242,7 @@ class Push:
     """
 
     force: Array
-    held: NDArray[np.bool_]
+    held: Flags
     given: Array
     stress: Array | None
     pressed: Array
@@ -379,7 +377,7 @@ class _System:
     an earlier step where these are not too large, which they are in space, and the blocks of the balls elsewhere.
     """
 
-    def __init__(self, frame: Frame, press: Any, held: NDArray[np.bool_]) -> None:
+    def __init__(self, frame: Frame, press: Any, held: Flags) -> None:
         self.frame, self.free = frame, np.flatnonzero(~held)
         self.renew(press)
         self.direct = frame.dimension == 1 or len(self.free) <= _MOST_DIRECT
@@ -615,7 +613,7 @@ class _Configuration:
             length = 0.5 * (low + high)
         return there
 
-    def lead(self, loose: NDArray[np.bool_], least: float) -> _Configuration:
+    def lead(self, loose: Flags, least: float) -> _Configuration:
         """Bring ``loose`` balls to rest, while the others are held: to ``least`` of the mean force."""
         from scipy.sparse.csgraph import connected_components
 

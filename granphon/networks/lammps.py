@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, brief
 from granphon.base.scales import Units
 from granphon.base.tables import plain_float
@@ -18,7 +18,6 @@ from granphon.base.text import decode, read_bytes
 from granphon.base.validation import choice, not_negative, positive, require
 from granphon.networks.building import MOST_BYTES, Balls, Contacts, Source, find_rounding, read_whole_numbers
 
-Array = NDArray[np.float64]
 #: length (m), mass (kg) and force (N) that are one in LAMMPS' styles of units
 _STYLES = {
     "si": (1.0, 1.0, 1.0), "cgs": (1e-2, 1e-3, 1e-5), "micro": (1e-6, 1e-15, 1e-9), "nano": (1e-9, 1e-21, 1e-12),
@@ -109,7 +108,7 @@ def read_dumps(
     return Source(_read_balls(atoms, length, mass), contacts, length * atoms.cell, np.asarray(atoms.pbc, bool))
 
 
-def _read_ids(frame: _Frame, column: str) -> NDArray[np.intp]:
+def _read_ids(frame: _Frame, column: str) -> Index:
     try:
         return read_whole_numbers(column, frame.read(column))
     except InputError as error:

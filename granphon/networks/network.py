@@ -13,7 +13,7 @@ from functools import cached_property, partial
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from granphon.balls.ball import RIGID_PLANE
 from granphon.balls.contact_table import TOUCH, repeat_contacts, require_joined
@@ -21,6 +21,7 @@ from granphon.balls.lattices import Lattice
 from granphon.balls.layers import Layers, find_axes, find_faces, read_edges
 from granphon.balls.material import Material
 from granphon.balls.motions import Motions, allowed_motions, select_motions
+from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import GranphonError, InputError, brief
 from granphon.base.registry import Registry
 from granphon.base.results import Result, read_only
@@ -29,8 +30,6 @@ from granphon.base.text import counted
 from granphon.base.validation import choice, label, lengths, real_array, require, text_list, truth, whole_number
 from granphon.networks.building import LARGEST, MOST_STEPS, read_whole_numbers
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 #: fields with one number for each ball
 _BALLS = ("radii", "masses", "inertias")
 #: fields of whole numbers
@@ -244,9 +243,9 @@ class ContactNetwork(Result):
         return len(self.i)
 
     @cached_property
-    def moving(self) -> NDArray[np.bool_]:
+    def moving(self) -> Flags:
         """(n,) whether each ball moves: its mass is not infinite."""
-        found: NDArray[np.bool_] = read_only(np.isfinite(self.masses))
+        found: Flags = read_only(np.isfinite(self.masses))
         return found
 
     @cached_property
@@ -318,7 +317,7 @@ class ContactNetwork(Result):
         total = np.bincount(i, weight, n) + np.bincount(j, weight, n)
         pull = np.stack([np.bincount(j, one, n) - np.bincount(i, one, n) for one in push.T], axis=1)
 
-        def is_held(balls: Index) -> NDArray[np.bool_]:
+        def is_held(balls: Index) -> Flags:
             # two contacts or more whose forces are in balance, as along a straight row, hold a ball where contacts slip
             balanced = np.linalg.norm(pull[balls], axis=1) <= _BALANCED * total[balls]
             in_row = (slips and held_by is None) & (count[balls] >= 2) & balanced
@@ -786,7 +785,7 @@ def _list_demands(network: ContactNetwork) -> Iterator[tuple[str, Any, str, str]
         yield name, getattr(network, name) <= LARGEST, f"has a {name} {said}", ""
 
 
-def number_pieces(i: Index, j: Index, moving: NDArray[np.bool_]) -> Index:
+def number_pieces(i: Index, j: Index, moving: Flags) -> Index:
     """Number the sets of balls that contacts join: (n,) the number of the set of each ball. A wall joins none."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

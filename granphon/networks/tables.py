@@ -11,8 +11,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import LENGTH, LOADS, Quantity
 from granphon.base.staging import write_text
@@ -21,8 +21,6 @@ from granphon.base.text import closest, decode, open_seal, read_bytes, require_p
 from granphon.base.validation import real_array, require, truth
 from granphon.networks.building import MOST_BYTES, Balls, Contacts, Source, read_whole_numbers
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 _PLACE = replace(LENGTH, least="any")
 _FORCE = replace(LOADS["force"], least="zero or above")
 _ACROSS = replace(_FORCE, least="any")
