@@ -143,8 +143,7 @@ class Arrangement:
             if name not in balls:
                 guess = closest(name, balls)
                 what = f"there is no kind of ball {name!r}"
-                mend = f"Did you mean {guess}?" if guess else f"Give one of {', '.join(balls)}"
-                raise InputError(what, mend=mend)
+                raise InputError(what, mend=f"Did you mean {guess}?" if guess else f"Give one of {', '.join(balls)}")
             return balls[name]
 
         if self.lattice is None:

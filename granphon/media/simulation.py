@@ -574,8 +574,23 @@ class DirectSimulation(Medium[SimulatedState]):
                 what = f"shape is {shape}, which are {float(math.prod(shape)):.3g} cells"
                 raise InputError(what, f"No memory holds more than {_MOST_CELLS:.3g}", "Give fewer")
         object.__setattr__(self, "shape", shape or DEFAULT_SHAPES[periods])
-        if self.diameters is not None:
-            self._take_diameters(self.diameters)
+        if self.diameters is not None:  # the sample takes their shape, and the packing their spread if it has none
+            array, packing = read_only(finite_array("diameters", self.diameters, "m", "above zero")), self.packing
+            n = packing.structure.n_balls
+            if array.ndim != periods + (n > 1) or (n > 1 and array.shape[-1] != n):
+                wanted = ", ".join([*(f"L{axis + 1}" for axis in range(periods)), *[str(n)] * (n > 1)])
+                raise InputError(f"diameters have the shape {array.shape}", mend=f"Give an array ({wanted})")
+            if packing.spread is None and np.ptp(array):
+                # the packing takes the mean of the shifted list, which rounding may have changed
+                spread = Measured(tuple((packing.diameter + (array - np.mean(array))).ravel().tolist()))
+                packing = replace(packing, spread=spread, diameter=spread.mean)
+            object.__setattr__(self, "packing", packing)
+            object.__setattr__(self, "diameters", array)
+            own = array.shape[:periods]
+            if self.shape not in (DEFAULT_SHAPES[periods], own):
+                what = f"shape is {self.shape!r}, and the diameters have the shape {array.shape}"
+                raise InputError(what, "The diameters determine the shape of the sample", "Leave shape out")
+            object.__setattr__(self, "shape", own)
         if 0.0 < self.packing.width < _LEAST_WIDTH * self.packing.diameter:
             what = f"the width of the diameters is {self.packing.relative_width:.3g} of their mean"
             raise InputError(what, f"Samples are simulated from {_LEAST_WIDTH:g} on", "Leave the spread out")
@@ -634,25 +649,6 @@ class DirectSimulation(Medium[SimulatedState]):
         """Everything that determines the results, except the values of given diameters."""
         given = self.diameters is not None
         return self.packing, self.shape, self.seed, self.samples, given, self.geometry, self.history
-
-    def _take_diameters(self, diameters: ArrayLike) -> None:
-        """Store given diameters (m); the sample takes their shape, and the packing their spread if it has none."""
-        array, packing = read_only(finite_array("diameters", diameters, "m", "above zero")), self.packing
-        lengths, n = packing.structure.periods, packing.structure.n_balls
-        if array.ndim != lengths + (n > 1) or (n > 1 and array.shape[-1] != n):
-            wanted = ", ".join([*(f"L{axis + 1}" for axis in range(lengths)), *[str(n)] * (n > 1)])
-            raise InputError(f"diameters have the shape {array.shape}", mend=f"Give an array ({wanted})")
-        if packing.spread is None and np.ptp(array):
-            # the packing takes the mean of the shifted list, which rounding may have changed
-            spread = Measured(tuple((packing.diameter + (array - np.mean(array))).ravel().tolist()))
-            packing = replace(packing, spread=spread, diameter=spread.mean)
-        object.__setattr__(self, "packing", packing)
-        object.__setattr__(self, "diameters", array)
-        own = array.shape[:lengths]
-        if self.shape not in (DEFAULT_SHAPES[lengths], own):
-            what = f"shape is {self.shape!r}, and the diameters have the shape {array.shape}"
-            raise InputError(what, "The diameters determine the shape of the sample", "Leave shape out")
-        object.__setattr__(self, "shape", own)
 
     @property
     def cells(self) -> tuple[int, ...]:
@@ -810,8 +806,7 @@ class DirectSimulation(Medium[SimulatedState]):
             mend = "Give force=[...] (N), pressure=[...] or overlap=[...] (m), or a Load of granphon.balls.loads"
             raise InputError(what, "It does not say what kind of load that is", mend)
         elif kinds := [kind for kind, values in given.items() if values is not None]:
-            what = f"the loads of a path are given as a Load and as {' and '.join(kinds)}"
-            raise InputError(what, mend="Give one")
+            raise InputError(f"the loads of a path are given as a Load and as {' and '.join(kinds)}", mend="Give one")
         load = load.applied
         simulation = replace(self, ordered=True)
         return simulation._press(load, simulation.prescribed(load), progress)

@@ -595,8 +595,7 @@ class ContactNetwork(Result):
         from granphon.networks.tables import read_tables
 
         source = read_tables(balls, contacts, columns or {}, cell, pbc)
-        fields = source.complete(material, friction, dimension, motions, prestress)
-        return cls(**fields)._leave_out(keep_rattlers, held_by)
+        return cls(**source.complete(material, friction, dimension, motions, prestress))._leave_out(keep_rattlers, held_by)
 
     @classmethod
     def from_lammps(
@@ -641,8 +640,7 @@ class ContactNetwork(Result):
         from granphon.networks.lammps import read_dumps
 
         source = read_dumps(dump, pairs, units, columns, step, normal_stiffness, shear_stiffness)
-        fields = source.complete(material, friction, dimension, motions, prestress)
-        return cls(**fields)._leave_out(keep_rattlers, held_by)
+        return cls(**source.complete(material, friction, dimension, motions, prestress))._leave_out(keep_rattlers, held_by)
 
     @classmethod
     def read(cls, program: str, *files: Any, **options: Any) -> ContactNetwork:

@@ -106,8 +106,7 @@ class _Columns:
                     raise InputError(what, mend=f"Convert it, and call it {name!r}")
                 values = self._values[name] = real_array(f"{name} of {self.name}", arrays[wanted])
                 if values.ndim != 1:
-                    what = f"{name} of {self.name} has the shape {values.shape}"
-                    raise InputError(what, mend="Give a list of numbers")
+                    raise InputError(f"{name} of {self.name} has the shape {values.shape}", mend="Give a list of numbers")
         sizes = {name: len(values) for name, values in self._values.items()}
         if len(set(sizes.values())) > 1:
             said = ", ".join(f"{size} of {name}" for name, size in sizes.items())

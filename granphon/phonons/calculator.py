@@ -461,8 +461,7 @@ class HertzMindlin(ContactCalculator):
             }  # fmt: skip
             if not is_one_of(motions, had):
                 what, why = f"the state has no motions {brief(motions)}", f"Its balls have the motions {own.name!r}"
-                mend = "Use " + ", ".join(had) + ", or make a state of a Packing with these motions"
-                raise InputError(what, why, mend)
+                raise InputError(what, why, "Use " + ", ".join(had) + ", or make a state of a Packing with these motions")
             moving = had[motions]
         law = self._choose_law(atoms)
         deviations = atoms.arrays["diameter_deviations"]
