@@ -106,8 +106,7 @@ class Lattice:
             raise InputError(
                 f"lattice {self.name!r} is not in equilibrium: equal contact forces push ball"
                 f" {int(np.argmax(np.abs(pull).max(axis=1)))} aside",
-                "All contacts of equal balls under load carry the same force here",
-                "Use a lattice in which the directions of each ball's contacts add up to zero",
+                mend="Use a lattice in which the directions of each ball's contacts add up to zero",
             )
         known = LATTICES.peek(self.name)
         pairs = () if known is None else ((self.vectors, known.vectors), (self.positions, known.positions))

@@ -54,8 +54,7 @@ def require_load(packing: Packing, load: Load, largest: float) -> None:
         least = packing.width_units.reduced_force(float(np.min(hertz.at(load).force)))
         if least < THRESHOLD_FORCE:  # no threshold of rigidity is on a line
             what = f"a contact force of f* = {least:.3g} is below {THRESHOLD_FORCE:g}, the least that is simulated"
-            why = "On a line every medium is exact: all contacts carry the same force, and follow Hertz's law"
-            raise InputError(what, why, "Raise the load, or take another medium")
+            raise InputError(what, mend="Raise the load, or take another medium, which on a line is exact too")
     elif load.kind != "overlap":
         least = packing.width_units.reduced_force(float(np.min(hertz.at(load).force)))
         if packing.width and least < THRESHOLD_FORCE:

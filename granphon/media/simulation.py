@@ -937,7 +937,7 @@ def require_standing(packing: Packing, history: bool = False, by_friction: bool 
     if falls is None:
         return
     what = f"the {structure.name} lattice is not simulated, because it does not stand without friction"
-    mend = "use another medium, or a lattice with more contacts, such as the triangular lattice, fcc or hcp"
+    mend = "use another medium, or a lattice with more contacts, such as triangular or fcc"
     friction = "" if packing.friction else "friction: true of the packing and "
     if ContactLattice.of(structure, packing.material.mindlin_ratio, bending=packing.bending).mechanism:
         mend = f"Friction does not hold it either: {mend}"

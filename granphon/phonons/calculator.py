@@ -300,7 +300,7 @@ class HertzMindlin(ContactCalculator):
         balls: Atoms = self.atoms
         if self._overlap - self._apart < _LEAST_OVERLAP:
             what = f"energy, forces and stress need positions, and balls overlap by {self._overlap - self._apart:.3g} d"
-            mend = "Use force constants, bands and velocities, which come from the state and stay exact"
+            mend = "Use force constants, bands and velocities, which need none"
             raise PrecisionError(what, f"Below {_LEAST_OVERLAP:g} positions hold too few digits of that", mend)
         law, n, m = self._choose_law(balls), len(balls), self._coordinates
         # the contacts that are closed at the positions of the balls
@@ -384,7 +384,7 @@ class HertzMindlin(ContactCalculator):
             exact, loaded = self.state.samples[0].is_exact, getattr(self.state, "work", None) is not None
             if exact or loaded:
                 how = "was loaded with friction" if loaded else "has its exact geometry"
-                why = "A calculator has the directions of the lattice, and no forces that depend on the way to the load"
+                why = "A calculator has neither a history nor true directions"
                 otherwise = "simulate without a history" if loaded else 'simulate with geometry="lattice"'
                 mend = f"Use the network of the sample, as gp.Waves(state.sample) does, or {otherwise}"
                 raise InputError(f"the Atoms are of a sample that {how}", why, mend)

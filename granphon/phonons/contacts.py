@@ -184,9 +184,8 @@ class ContactFinder:
             what = f"contacts are turned against the lattice of the state, by {np.degrees(turn):.3g} degrees on average"
             if np.any(astray):
                 what = "balls touch in directions that are not those of the lattice"
-            why = "With friction, and in the paper's limit, contacts have the fixed directions of the lattice; these balls"
-            why += " are turned against the lattice, or were moved among each other"
-            mend = "Leave them in the orientation of gp.atoms(state), or use a state of finite overlap without friction"
+            why = "With friction, and in the limit of small overlap, contacts keep these"
+            mend = "Keep the orientation of gp.atoms(state), or take a state of finite overlap without friction"
             raise InputError(what, why, mend)
         return normal, near
 
