@@ -287,9 +287,17 @@ def find_pairs(positions: Array, periods: Array, cutoff: float) -> tuple[Any, An
 
 def require_joined(
     i: Index, j: Index, shift: Index, n: int, periods: int, called: str,
-    said: str = "", mend: str = "",
+    said: str = "", mend: str = "", held: Any = None,
 ) -> None:  # fmt: skip
-    """Raise :class:`~granphon.base.errors.InputError` unless contacts join all ``n`` balls, and all their images."""
+    """Raise :class:`~granphon.base.errors.InputError` unless contacts join all ``n`` balls, and all their images.
+
+    Balls that are ``held`` (n,) are one body, along all periods.
+    """
+    if held is not None and np.any(held):
+        count = int(np.count_nonzero(~held))
+        name = np.where(held, count, np.cumsum(~held) - 1)
+        i, j = (np.append(name[end], np.full(periods, count)) for end in (i, j))
+        shift, n = np.concatenate([shift, np.eye(periods, dtype=np.intp)]), count + 1
     neighbours = defaultdict[int, list[tuple[int, tuple[int, ...]]]](list)
     for one, other, step in zip(i.tolist(), j.tolist(), map(tuple, shift.tolist()), strict=True):
         neighbours[one].append((other, step))

@@ -472,13 +472,10 @@ def sort_options(packing: Packing, load: Load, against: FrictionHistory = REST) 
     """Return the options of an :class:`AutoMedium`, the cheapest at an applied load first."""
 
     def rough_time(option: MediumChoice) -> float:
-        """Return the rough time at all values of the load, s; zero of media that only evaluate a law.
-
-        That of a simulation is the time at one of the loads: at the least, whose equilibrium takes longest; with a history
-        of friction at the greatest, on the way to which it passes the others.
-        """
+        """Return the rough time at all values of the load, s; zero of media that only evaluate a law."""
         medium = option.of(packing)
         if isinstance(medium, DirectSimulation):
+            # at the least load, whose equilibrium takes longest; with a history at the greatest, which passes the others
             decisive = np.argmax if medium.friction_history else np.argmin
             return _SIMULATION_TIME + _BALL_TIME * estimate(medium, load[int(decisive(load.array))]).work
         return medium.seconds if isinstance(medium, EffectiveMedium) else 0.0

@@ -455,21 +455,12 @@ class Crystal(Result):
             raise InputError(what, why, "Remove balls first, and cut then")
         if not self.n_contacts:
             raise InputError(f"no balls of crystal {self.name!r} touch", mend="Give more layers, or remove fewer balls")
-        i, j, shift = [table.i], [table.j], [table.shift]
-        held = [one.balls for one in self._sides if one.edge != "free"]
-        if held:  # a wall extends along all periods
-            at = np.unique(np.concatenate(held))
-            i += [at, np.full(p, n)]
-            j += [np.full(len(at), n), np.full(p, n)]
-            shift += [np.zeros((len(at), p), np.intp), np.eye(p, dtype=np.intp)]
-        ends = np.concatenate([*i, *j])
-        count = n + bool(held)
-        if (alone := np.setdiff1d(np.arange(count), ends)).size:
+        held = np.zeros(n, bool)  # by a wall, which extends along all periods
+        held[np.concatenate([np.zeros(0, np.intp), *(one.balls for one in self._sides if one.edge != "free")])] = True
+        if (alone := np.setdiff1d(np.flatnonzero(~held), np.append(table.i, table.j))).size:
             raise InputError(f"ball {alone[0]} of crystal {self.name!r} touches no other", mend="Remove it too")
-        require_joined(
-            np.concatenate(i), np.concatenate(j), np.concatenate(shift), count, p, f"crystal {self.name!r}",
-            mend="Remove one of them, or give more layers",
-        )  # fmt: skip
+        mend = "Remove one of them, or give more layers"
+        require_joined(table.i, table.j, table.shift, n, p, f"crystal {self.name!r}", mend=mend, held=held)
 
     # -- what it is -------------------------------------------------------------------------------------------------------
 
@@ -639,10 +630,7 @@ class Crystal(Result):
 
     @cached_property
     def _frame(self) -> tuple[Frame, Index, Index]:
-        """The unknowns of the statics, the place of each ball among the displacements (-1 if held), and its wall (-1: none).
-
-        A wall is the number of the unknown way of a wall.
-        """
+        """The unknowns of the statics, the place of each ball among displacements (-1: held), and its wall (-1: none)."""
         if self.deviations is None and any(ball.spread is not None and ball.spread.rms for ball in self.kinds):
             what = f"balls of crystal {self.name!r} have a spread of diameters, and none are drawn"
             raise InputError(what, "Each ball is simulated by itself", "Draw them: crystal.sample((8, 8), seed=0)")
@@ -821,10 +809,7 @@ class Crystal(Result):
         return out
 
     def _read_gravity(self, values: Array, gravity: ArrayLike | None, rank: int = 0) -> tuple[Array, list[Array | None]]:
-        """Return loads, whose last ``rank`` axes are those of one, and the acceleration (d,) of gravity at each, or None.
-
-        Loads and gravity are broadcast. Raises :class:`InputError` if they cannot be, or if nothing holds the balls.
-        """
+        """Return loads, whose last ``rank`` axes are those of one, broadcast with gravity, and this at each, or None."""
         lead = values.shape[: values.ndim - rank]
         if gravity is None:
             return values, [None] * math.prod(lead)

@@ -338,10 +338,7 @@ def settle(frame: Frame, springs: Springs, push: Push, start: Rest | None = None
 def _find_length(
     springs: Springs, overlap: Array, change: Array, force: Array, fall: float, residual: float
 ) -> float | None:
-    """Return the length of a step at which the energy no longer falls much; None if it falls without end.
-
-    ``fall`` is the work that the step does, per length, at its beginning.
-    """
+    """Return the length of a step at which the energy no longer falls much, at first by ``fall``; None if without end."""
     most = math.inf
     if springs.adhere:  # no contact may be torn on the way
         apart = change < 0.0
@@ -390,15 +387,12 @@ class _System:
 
     @property
     def is_floppy(self) -> bool:
-        """Whether motions cost no energy while all contacts touch, beside those of the whole; False where not probed.
-
-        Balls with no more contacts than dimensions are held: they are loose, wherever they are.
-        """
+        """Whether motions cost no energy while all contacts touch, beside those of the whole; False where not probed."""
         from scipy.sparse import eye_array
         from scipy.sparse.linalg import LinearOperator, eigsh
 
         frame, d = self.frame, self.frame.dimension
-        few = np.zeros(frame.motion.shape[1], bool)
+        few = np.zeros(frame.motion.shape[1], bool)  # of balls with no more contacts than dimensions: they are loose
         few[: frame.n_free] = np.repeat(np.diff((frame.motion[:, : frame.n_free : d] != 0).tocsc().indptr) <= d, d)
         press = self.press[:, ~few[self.free]]
         size, still = press.shape[1], len(self.drifts) + (d - frame.periods) * (d - frame.periods - 1) // 2
@@ -737,10 +731,7 @@ def settle_exactly(frame: Frame, springs: Springs, push: Push, start: Rest) -> R
 
 
 def _open_light(springs: Springs, rest: Rest) -> Array:
-    """Return the overlaps (n_c,), without those whose force may be a residual only, where nothing holds a ball.
-
-    Stiffness at such contacts would hold it.
-    """
+    """Return the overlaps (n_c,), without those whose force may be a residual only: their stiffness would hold a ball."""
     force = springs.force(rest.overlap)
     light = np.abs(force) <= CARRIED_FORCE * rest.residual * springs.size(force)
     return np.where(light, np.minimum(rest.overlap, springs.least), rest.overlap)

@@ -527,15 +527,12 @@ class ContactNetwork(Result):
         for word, at in zip(words, faces, strict=True):
             if word == "clamped" and not np.any(np.isin(i, at) | np.isin(j, at)):
                 raise InputError("the clamped balls of an edge touch none that moves", mend="Give more layers")
-        # all that moves hangs together, or is held by bodies that do not move; these are one, along all periods
-        size, held = int(np.count_nonzero(~still)), bool(np.any(still))
-        name, rings = np.where(still, size, np.cumsum(~still) - 1), np.eye(p, dtype=np.intp)[: p * held]
-        one, other = (np.append(name[end], np.full(len(rings), size)) for end in (i, j))
+        # all that moves hangs together, or is held by bodies that do not move
         loose = self.rattlers.size
         require_joined(
-            one, other, np.concatenate([inner[:, :p], rings]), size + held, p, "the cut network",
+            i, j, inner[:, :p], len(still), p, "the cut network",
             f"Of its balls {loose} in each cell carry no load and hang on nothing" if loose else "",
-            "Leave them out: network.without_rattlers()" if loose else "Give more layers",
+            "Leave them out: network.without_rattlers()" if loose else "Give more layers", still,
         )  # fmt: skip
         cell = np.zeros((3, 3))
         cell[:p, :d] = cut.cell
@@ -724,10 +721,8 @@ def refuse_unpressed(source: Any) -> None:
 
 
 def _list_demands(network: ContactNetwork) -> Iterator[tuple[str, Any, str, str]]:
-    """Yield what each ball or contact must meet: a field, whether each is right, what to say if not, and how to mend it.
-
-    A demand may rely on those before it. Walls, which do not move, may have any size and place.
-    """
+    """Yield what each ball or contact must meet: a field, whether each is right, what to say if not, and how to mend it."""
+    # a demand may rely on those before it; walls, which do not move, may have any size and place
     moving, d, i, j = network.moving, network.dimension, network.i, network.j
     largest = f"that is not finite, or above {LARGEST:g}"
     yield "positions", np.all(np.abs(network.positions) < LARGEST, axis=1), f"is at a place {largest} m", ""

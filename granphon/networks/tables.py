@@ -140,11 +140,7 @@ class _Columns:
             raise InputError(f"{self.name}: {error}") from None
 
     def vectors(self, *names: str, wide: bool = False) -> Array | None:
-        """The columns of some names side by side, as many of the first ones as there are; None if there is none of them.
-
-        ``wide`` puts zeros behind, for those that are not there.
-        Raises :class:`InputError` if one but the last is missing, or if they are in different units.
-        """
+        """The columns of some names side by side, as many of the first as there are (zeros behind if ``wide``), or None."""
         there = [name for name in names if name in self]
         if not there:
             return None
