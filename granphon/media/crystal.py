@@ -20,7 +20,7 @@ from operator import attrgetter
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from granphon.array.sparse_matrices import compose
 from granphon.balls.ball import BALL_LIMITS, RIGID_PLANE, Ball, Body, ContactConstants
@@ -30,6 +30,7 @@ from granphon.balls.lattices import LATTICES, Lattice, find_structure
 from granphon.balls.layers import Layers, find_faces, read_edges
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.balls.packing import MINDLIN, read_rolling, require_shallow
+from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, brief
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units
@@ -40,8 +41,6 @@ from granphon.media.limits import Check, check_limit
 from granphon.media.state import read_finite_overlap
 from granphon.networks.network import ContactNetwork
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 #: a contact law that plain data can hold
 Laws = Hertz | PowerLaw | DMT | JKR | TabulatedLaw
 #: most cells of a supercell along a period, and most layers of a cut
@@ -456,21 +455,12 @@ class Crystal(Result):
             raise InputError(what, why, "Remove balls first, and cut then")
         if not self.n_contacts:
             raise InputError(f"no balls of crystal {self.name!r} touch", mend="Give more layers, or remove fewer balls")
-        i, j, shift = [table.i], [table.j], [table.shift]
-        held = [one.balls for one in self._sides if one.edge != "free"]
-        if held:  # a wall extends along all periods
-            at = np.unique(np.concatenate(held))
-            i += [at, np.full(p, n)]
-            j += [np.full(len(at), n), np.full(p, n)]
-            shift += [np.zeros((len(at), p), np.intp), np.eye(p, dtype=np.intp)]
-        ends = np.concatenate([*i, *j])
-        count = n + bool(held)
-        if (alone := np.setdiff1d(np.arange(count), ends)).size:
+        held = np.zeros(n, bool)  # by a wall, which extends along all periods
+        held[np.concatenate([np.zeros(0, np.intp), *(one.balls for one in self._sides if one.edge != "free")])] = True
+        if (alone := np.setdiff1d(np.flatnonzero(~held), np.append(table.i, table.j))).size:
             raise InputError(f"ball {alone[0]} of crystal {self.name!r} touches no other", mend="Remove it too")
-        require_joined(
-            np.concatenate(i), np.concatenate(j), np.concatenate(shift), count, p, f"crystal {self.name!r}",
-            mend="Remove one of them, or give more layers",
-        )  # fmt: skip
+        mend = "Remove one of them, or give more layers"
+        require_joined(table.i, table.j, table.shift, n, p, f"crystal {self.name!r}", mend=mend, held=held)
 
     # -- what it is -------------------------------------------------------------------------------------------------------
 
@@ -640,10 +630,7 @@ class Crystal(Result):
 
     @cached_property
     def _frame(self) -> tuple[Frame, Index, Index]:
-        """The unknowns of the statics, the place of each ball among the displacements (-1 if held), and its wall (-1: none).
-
-        A wall is the number of the unknown way of a wall.
-        """
+        """The unknowns of the statics, the place of each ball among displacements (-1: held), and its wall (-1: none)."""
         if self.deviations is None and any(ball.spread is not None and ball.spread.rms for ball in self.kinds):
             what = f"balls of crystal {self.name!r} have a spread of diameters, and none are drawn"
             raise InputError(what, "Each ball is simulated by itself", "Draw them: crystal.sample((8, 8), seed=0)")
@@ -822,10 +809,7 @@ class Crystal(Result):
         return out
 
     def _read_gravity(self, values: Array, gravity: ArrayLike | None, rank: int = 0) -> tuple[Array, list[Array | None]]:
-        """Return loads, whose last ``rank`` axes are those of one, and the acceleration (d,) of gravity at each, or None.
-
-        Loads and gravity are broadcast. Raises :class:`InputError` if they cannot be, or if nothing holds the balls.
-        """
+        """Return loads, whose last ``rank`` axes are those of one, broadcast with gravity, and this at each, or None."""
         lead = values.shape[: values.ndim - rank]
         if gravity is None:
             return values, [None] * math.prod(lead)
@@ -1192,7 +1176,7 @@ class CrystalState(Result):
         return tuple(said for check in self.limits if (said := check.warning) is not None)
 
     @cached_property
-    def _clamped(self) -> NDArray[np.bool_]:
+    def _clamped(self) -> Flags:
         """(n,) which balls are held."""
         held = np.zeros(self.crystal.n_balls, bool)
         for side in self.crystal._sides:
@@ -1200,7 +1184,7 @@ class CrystalState(Result):
         return held
 
     @cached_property
-    def _kept(self) -> NDArray[np.bool_]:
+    def _kept(self) -> Flags:
         """(n_c,) which contacts the network has: those that are closed, and not of two bodies that are held."""
         held, table = self._clamped, self.crystal.contacts
         between = [held[table.i] & held[table.j], *(held[one.balls] for one in self.crystal._floors)]

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granphon.array.equilibrium import THRESHOLD_FORCE, Equilibrium, array_shape, equilibrate, explain_too_small
 from granphon.array.geometry import ReducedLoad
@@ -15,11 +14,10 @@ from granphon.array.true_equilibrium import equilibrate_exactly
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
+from granphon.base.arrays import Array
 from granphon.base.errors import GranphonError, InputError
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.medium import explain_untouched
-
-Array = NDArray[np.float64]
 
 
 def reduce_load(packing: Packing, load: Load) -> Array:

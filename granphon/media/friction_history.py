@@ -15,7 +15,6 @@ from functools import partial
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granphon.array.equilibrium import equilibrate
 from granphon.array.friction import PressedArray
@@ -27,13 +26,13 @@ from granphon.array.stepper import GAS
 from granphon.balls.hertz import energy_of, force_of, overlap_of
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
+from granphon.base.arrays import Array
 from granphon.base.errors import GranphonError, InputError, Refused
 from granphon.base.text import show
 from granphon.base.validation import choice, number, read_inside, real_number, truth
 from granphon.media.equilibria import prescribe
 from granphon.media.medium import Option
 
-Array = NDArray[np.float64]
 #: least and greatest reduced spacing a* that may be given as a start
 _STARTS = (-1.0, 1e6)
 #: the options of arrays that errors are measured against: they are loaded from the default start, in one direction

@@ -17,7 +17,6 @@ from functools import cached_property, partial
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granphon.balls.diameters import Discrete, Measured
 from granphon.balls.distributions import PointShape
@@ -34,7 +33,6 @@ from granphon.laws.spread import AveragedLaw
 from granphon.media.medium import Medium, Option, explain_untouched
 from granphon.media.state import ContactState, Law, read_finite_overlap
 
-Array = NDArray[np.float64]
 #: least normal number of double precision; smaller numbers have lost digits
 _LEAST_NORMAL = np.finfo(float).tiny
 #: rough time of the effective medium, s: for a density of diameters, and for 64 listed ones

@@ -113,12 +113,7 @@ class Bands(Result):
             object.__setattr__(self, "pbc", (True,) * self.periods)
 
     def _check(self) -> None:
-        """Check shapes, and that all numbers are finite and can be those of bands.
-
-        Frequencies ascend from zero, distances ascend, masses are above zero, the cell has a volume, wave vectors and the
-        vectors of the cell lie where the periods of the lattice do, and eigenvectors, of a component for each motion of
-        each ball, have the length one.
-        """
+        """Check shapes, and that all numbers are finite and can be those of bands."""
         super()._check()
         balls, lengths, p = len(self.masses), np.ones(1), self.periods
         if self.eigenvectors is not None:

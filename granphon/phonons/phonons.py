@@ -115,8 +115,7 @@ class Phonons:
             why, mend = "Wave vectors are fractions of its reciprocal vectors", "Give the Atoms a cell of any size"
             raise InputError("the Atoms have no cell", why, mend)
         if not len(self.lattice.contacts):
-            why = "They are apart, or are turned against the lattice of the state"
-            raise InputError("no two of these balls touch", why)
+            raise InputError("no two of these balls touch", "They are apart, or are turned against the lattice of the state")
         self.dim = self._choose_dim(dim)
 
     def __repr__(self) -> str:
@@ -485,44 +484,37 @@ class Phonons:
         order = np.argsort(-sign * values[:, branch], axis=0, kind="stable")[:several].T
         starts, (edges, several) = self.lattice.wavevectors(q[order]).reshape(-1, p), order.shape
         reach = float(np.max(np.linalg.norm(self.lattice.reciprocal, axis=1) / numbers))
-        best = self._climb(starts, np.repeat(branch, several), np.repeat(sign, several), reach)
+        # the highest frequencies times the sign, along the group velocity from each start, with the steps of J. Barzilai and
+        # J. M. Borwein (IMA J. Numer. Anal. 8, 141, 1988), none longer than ``reach``
+        own_branch, own_sign, at = np.repeat(branch, several), np.repeat(sign, several), starts.copy()
+        best, before, slope_before = np.full(len(at), -np.inf), at.copy(), np.zeros_like(at)
+        left = np.arange(len(at))
+        for turn in range(_TURNS):
+            modes, row = self.lattice.modes(at[left], np.eye(p)[0]), np.arange(left.size)
+            best[left] = np.maximum(best[left], own_sign[left] * modes.frequencies[row, own_branch[left]])
+            slope = own_sign[left, None] * modes.group_velocities[row, own_branch[left]]
+            moved, size = at[left] - before[left], np.linalg.norm(slope, axis=1)
+            bend = np.abs(np.sum(moved * (slope - slope_before[left]), axis=1))
+            step = np.divide(np.sum(moved**2, axis=1) * size, bend, out=np.zeros(left.size), where=bend > 0.0)
+            step = np.minimum(step if turn else 0.5 * reach, np.where(size > 0.0, reach, 0.0))
+            ahead = np.divide(step, size, out=np.zeros(left.size), where=size > 0.0)[:, None] * slope
+            before[left], slope_before[left] = at[left], slope
+            at[left] += ahead
+            left = left[step > _LEVEL]
+            if not left.size:
+                break
         best = best.reshape(edges, several).max(axis=1)
         # branches that cross at a point of their own make a cone, up which there is no way along group velocities
         width = -best[edges - len(gaps) :][gaps > 0] - best[: edges - len(gaps)]
-        for at in np.flatnonzero(np.tile(width < _NARROW * float(high[-1]), 2)):
-            place = at if at < len(width) else edges - len(gaps) + np.flatnonzero(gaps > 0)[at - len(width)]
+        for one in np.flatnonzero(np.tile(width < _NARROW * float(high[-1]), 2)):
+            place = one if one < len(width) else edges - len(gaps) + np.flatnonzero(gaps > 0)[one - len(width)]
             near = starts[place * several : (place + 1) * several]
-            best[place] = max(best[place], *(self._zoom(one, branch[place], sign[place], reach) for one in near))
+            best[place] = max(best[place], *(self._zoom(q0, branch[place], sign[place], reach) for q0 in near))
         edge = sign * best
         lower, upper = edge[: edges - len(gaps)], edge[edges - len(gaps) :]
         lower = np.concatenate([np.zeros(len(gaps) - len(lower)), lower])
         found = np.stack([np.maximum(lower, below[gaps]), upper], axis=1)[upper - lower > least]
         return np.reshape(found, (-1, 2)) * self.scales.frequency
-
-    def _climb(self, wavevectors: Array, branch: NDArray[np.intp], sign: Array, reach: float) -> Array:
-        """Return the highest frequencies times ``sign`` (n,) of branches (n,) that are met from wave vectors (n, p), 1/d.
-
-        The way is along the group velocity, with the steps of J. Barzilai and J. M. Borwein (IMA J. Numer. Anal. 8, 141,
-        1988), none longer than ``reach``.
-        """
-        along, count = np.eye(self._periods)[0], len(branch)
-        best, q = np.full(count, -np.inf), wavevectors.copy()
-        before, slope_before, left = q.copy(), np.zeros_like(q), np.arange(count)
-        for turn in range(_TURNS):
-            modes, row = self.lattice.modes(q[left], along), np.arange(left.size)
-            best[left] = np.maximum(best[left], sign[left] * modes.frequencies[row, branch[left]])
-            slope = sign[left, None] * modes.group_velocities[row, branch[left]]
-            moved, size = q[left] - before[left], np.linalg.norm(slope, axis=1)
-            bend = np.abs(np.sum(moved * (slope - slope_before[left]), axis=1))
-            step = np.divide(np.sum(moved**2, axis=1) * size, bend, out=np.zeros(left.size), where=bend > 0.0)
-            step = np.minimum(step if turn else 0.5 * reach, np.where(size > 0.0, reach, 0.0))
-            ahead = np.divide(step, size, out=np.zeros(left.size), where=size > 0.0)[:, None] * slope
-            before[left], slope_before[left] = q[left], slope
-            q[left] += ahead
-            left = left[step > _LEVEL]
-            if not left.size:
-                break
-        return best
 
     def _zoom(self, wavevector: Array, branch: int, sign: float, reach: float) -> float:
         """Return the highest frequency times ``sign`` of a branch about a wave vector (p,), 1/d, on ever finer meshes."""

@@ -380,7 +380,7 @@ print(dict.__getitem__(matplotlib.rcParams, "backend"))
         pytest.param("bands", "nonsense", None, marks=pytest.mark.exhaustive),
         ("curves", "module://there.is.none", None),
         pytest.param("work_precision", "", None, marks=pytest.mark.exhaustive),
-        ("bands", "svg", "svg"),
+        pytest.param("bands", "svg", "svg", marks=pytest.mark.exhaustive),
     ],
 )
 def test_a_figure_is_saved_without_pyplot_whatever_backend_the_environment_names(tmp_path, module, backend, kept):
