@@ -28,6 +28,8 @@ ALIASES = {
     "ArrayLike": "ArrayLike",
     "NDArray": "Array",
     "Index": "Array[int]",
+    "Flags": "Array[bool]",
+    "Complex": "Array[complex]",
     "Values": "Any",
     "Law": "granphon.media.state.ContactLaw",
     "SampleLaw": "granphon.media.state.ContactLaw",

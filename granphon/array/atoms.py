@@ -154,10 +154,9 @@ def find_kind(balls: Atoms, units: Units, finite_overlap: bool, coordinates: int
         ball = int(np.argmin(same))
         d, k, mass = (f"{value:.9g}" for value in np.exp(given[ball]))
         raise InputError(
-            f"ball {ball} of the Atoms is in units of d = {d} m, k = {k} N/m, M = {mass} kg; the state has"
-            f" {units.length:.9g} m, {units.stiffness:.9g} N/m, {units.mass:.9g} kg",
-            "It is in the reduced units of another state, or was added without any",
-            "Use the state it was made from, and add balls from gp.atoms(state)",
+            f"ball {ball} of the Atoms is in the units {d} m, {k} N/m and {mass} kg, and the state in"
+            f" {units.length:.9g} m, {units.stiffness:.9g} N/m and {units.mass:.9g} kg",
+            mend="Use the state it was made from, and add balls from gp.atoms(state)",
         )
     kinds = set(balls.arrays[_KIND].tolist())
     if len(kinds) > 1:

@@ -337,8 +337,7 @@ class TabulatedLaw(EnergyLaw):
             what = f"the table of a contact law has the overlap {delta[row]:g} m and the force {f[row]:g} N in its row {row}"
             raise InputError(what, "Both must be above zero, and above those of the row before", "Sort the table")
         if delta.size < 2:
-            what = f"the table of a contact law has {delta.size} rows with a force"
-            raise InputError(what, mend="Give two or more")
+            raise InputError(f"the table of a contact law has {delta.size} rows with a force", mend="Give two or more")
         object.__setattr__(self, "overlaps", tuple(delta.tolist()))
         object.__setattr__(self, "forces", tuple(f.tolist()))
 

@@ -14,12 +14,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError
 from granphon.base.results import read_only
 
-Array = NDArray[np.float64]
 #: two sites touch if their distance differs from one by no more than this, in spacings
 TOUCH = 1e-6
 #: balls nearly touch if their distance differs from one by no more than this, in spacings
@@ -54,9 +53,9 @@ class ContactTable:
     arm_i, arm_j : (n_c,) distance from each centre to the contact, in mean diameters.
     """
 
-    i: NDArray[np.intp]
-    j: NDArray[np.intp]
-    shift: NDArray[np.intp]
+    i: Index
+    j: Index
+    shift: Index
     normal: Array
     vector: Array
     arm_i: Array
@@ -106,7 +105,7 @@ def repeat_contacts(i: Any, j: Any, shift: Any, n: int, full: tuple[int, ...]) -
     return cells, (first + i).ravel(), (n * number + j).ravel(), np.floor_divide(steps, full).reshape(-1, len(full))
 
 
-def steps_within(cell: Array, radius: float) -> NDArray[np.intp]:
+def steps_within(cell: Array, radius: float) -> Index:
     """Find the lattice vectors that are at most ``radius`` long.
 
     Returns (n, p) whole multiples of the p vectors of ``cell`` (p, d), sorted in ascending order, zero among them.
@@ -114,7 +113,7 @@ def steps_within(cell: Array, radius: float) -> NDArray[np.intp]:
     return _list_steps(cell, radius, _reach(cell, radius))
 
 
-def _list_steps(cell: Array, radius: float, reach: Array) -> NDArray[np.intp]:
+def _list_steps(cell: Array, radius: float, reach: Array) -> Index:
     """:func:`steps_within`, of no more steps along each vector than ``reach`` (p,)."""
     if not len(cell):
         return np.zeros((1, 0), np.intp)  # a cluster has no images
@@ -129,7 +128,7 @@ def _reach(cell: Array, radius: float) -> Array:
     return np.asarray(np.floor(radius * np.linalg.norm(np.linalg.pinv(cell), axis=0) * (1.0 + 1e-12)))
 
 
-def select_once(i: NDArray[np.intp], j: NDArray[np.intp], shift: NDArray[np.intp]) -> NDArray[np.bool_]:
+def select_once(i: Index, j: Index, shift: Index) -> Flags:
     """(n,) whether to keep each row of a list in which every contact was found from both ends, so that each counts once."""
     if not shift.shape[1]:
         return i < j
@@ -287,10 +286,18 @@ def find_pairs(positions: Array, periods: Array, cutoff: float) -> tuple[Any, An
 
 
 def require_joined(
-    i: NDArray[np.intp], j: NDArray[np.intp], shift: NDArray[np.intp], n: int, periods: int, called: str,
-    said: str = "", mend: str = "",
+    i: Index, j: Index, shift: Index, n: int, periods: int, called: str,
+    said: str = "", mend: str = "", held: Any = None,
 ) -> None:  # fmt: skip
-    """Raise :class:`~granphon.base.errors.InputError` unless contacts join all ``n`` balls, and all their images."""
+    """Raise :class:`~granphon.base.errors.InputError` unless contacts join all ``n`` balls, and all their images.
+
+    Balls that are ``held`` (n,) are one body, along all periods.
+    """
+    if held is not None and np.any(held):
+        count = int(np.count_nonzero(~held))
+        name = np.where(held, count, np.cumsum(~held) - 1)
+        i, j = (np.append(name[end], np.full(periods, count)) for end in (i, j))
+        shift, n = np.concatenate([shift, np.eye(periods, dtype=np.intp)]), count + 1
     neighbours = defaultdict[int, list[tuple[int, tuple[int, ...]]]](list)
     for one, other, step in zip(i.tolist(), j.tolist(), map(tuple, shift.tolist()), strict=True):
         neighbours[one].append((other, step))

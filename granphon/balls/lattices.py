@@ -106,8 +106,7 @@ class Lattice:
             raise InputError(
                 f"lattice {self.name!r} is not in equilibrium: equal contact forces push ball"
                 f" {int(np.argmax(np.abs(pull).max(axis=1)))} aside",
-                "All contacts of equal balls under load carry the same force here",
-                "Use a lattice in which the directions of each ball's contacts add up to zero",
+                mend="Use a lattice in which the directions of each ball's contacts add up to zero",
             )
         known = LATTICES.peek(self.name)
         pairs = () if known is None else ((self.vectors, known.vectors), (self.positions, known.positions))
@@ -247,6 +246,11 @@ HCP = Lattice(
 DIAMOND = _cubic("diamond", 4.0 / math.sqrt(3.0), _FACES, ((0.0, 0.0, 0.0), (0.25, 0.25, 0.25)))
 for _one in (CHAIN, TRIANGULAR, SQUARE, HONEYCOMB, KAGOME, SC, BCC, FCC, HCP, DIAMOND):
     LATTICES.own(_one.name, _one)
+#: structures of two kinds of balls, beside the lattices that have a name
+STRUCTURES = {
+    name: Lattice(name, tuple(map(tuple, cell)), ((0.0, 0.0, 0.0), (0.5, 0.5, 0.5)))
+    for name, cell in (("NaCl", _FACES), ("CsCl", (2.0 / math.sqrt(3.0) * np.eye(3)).tolist()))
+} | {"zincblende": Lattice("zincblende", LATTICES["diamond"].cell, LATTICES["diamond"].sites)}
 
 
 def register_lattice(lattice: Lattice) -> Lattice:
@@ -271,6 +275,14 @@ def find_lattice(lattice: str | Lattice, known: Iterable[str] = LATTICES) -> Lat
         return LATTICES[lattice]
     mend = "Use " + ", ".join(known) + ", or a granphon.Lattice"
     raise InputError(f"unknown lattice {brief(lattice)}", LATTICES.failures, mend)
+
+
+def find_structure(name: str | Lattice) -> Lattice:
+    """Return the lattice of a name, in any case of letters, that of NaCl, CsCl and zincblende among them."""
+    known = {one.lower(): one for one in STRUCTURES}.get(name.lower()) if isinstance(name, str) else None
+    if known is not None:
+        return STRUCTURES[known]
+    return find_lattice(name, [*LATTICES, *STRUCTURES])
 
 
 def as_direction(direction: ArrayLike, dimension: int = 2) -> Array:

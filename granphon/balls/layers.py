@@ -7,15 +7,13 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granphon.balls.contact_table import TOUCH, contact_frames
+from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, Refused, brief
 from granphon.base.text import counted, show
 from granphon.base.validation import each, is_one_of, is_whole, whole
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 #: how an edge may be held
 EDGES = ("free", "clamped", "floor")
 #: part of a period across the line or plane in which it lies, but for rounding
@@ -132,7 +130,7 @@ def find_faces(heights: Array, radii: Array, edges: tuple[str, str], n: int) -> 
     return found[0], found[1]
 
 
-def find_outer(heights: Array) -> NDArray[np.bool_]:
+def find_outer(heights: Array) -> Flags:
     """Return (2, n) which balls at ``heights`` lie in the outer quarter of a cut, the lower one and the upper one."""
     low, high = float(heights.min()), float(heights.max())
     quarter = 0.25 * (1.0 + _SITE) * (high - low)

@@ -307,8 +307,7 @@ class CurveLaw(SpreadLaw):
     def _find_near_overlap(self, force: Array) -> Array:
         curve = self.curve
         if np.any(force < curve.least_force):
-            what = f"a mean contact force of f* = {float(np.min(force)):.3g} is below {curve.least_force:.6g}"
-            raise self._refuse(what)
+            raise self._refuse(f"a mean contact force of f* = {float(np.min(force)):.3g} is below {curve.least_force:.6g}")
         return np.asarray(curve.overlap(force))
 
 

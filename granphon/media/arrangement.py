@@ -13,7 +13,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granphon.balls.ball import Ball
 from granphon.balls.contact_laws import Hertz
@@ -28,7 +27,6 @@ from granphon.media.crystal import Crystal, CrystalState
 from granphon.media.medium import Medium
 from granphon.media.state import NetworkState
 
-Array = NDArray[np.float64]
 #: what an arrangement takes as a crystal does
 _OPTIONS = ("law", "friction", "motions", "torsion", "bending")
 #: balls of a crystal up to which its states are found when a scene is only checked
@@ -145,8 +143,7 @@ class Arrangement:
             if name not in balls:
                 guess = closest(name, balls)
                 what = f"there is no kind of ball {name!r}"
-                mend = f"Did you mean {guess}?" if guess else f"Give one of {', '.join(balls)}"
-                raise InputError(what, mend=mend)
+                raise InputError(what, mend=f"Did you mean {guess}?" if guess else f"Give one of {', '.join(balls)}")
             return balls[name]
 
         if self.lattice is None:

@@ -26,16 +26,14 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granphon.array.equilibrium import CARRIED_FORCE
 from granphon.array.krylov import conjugate_gradients
 from granphon.array.sparse_matrices import factorise
 from granphon.balls.contact_laws import PairLaw, opening_overlap
+from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import ConvergenceError, InputError, InstabilityError, MechanismError
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 #: residual, over the mean force, at which a state is at rest, and that which must be reached
 _TOLERANCE, _REQUIRED = 2e-15, 1e-12
 #: the first of these where the linear equations are solved by iteration
@@ -161,7 +159,7 @@ class Frame:
     """
 
     vector: Array
-    flat: NDArray[np.bool_]
+    flat: Flags
     motion: Any
     dimension: int
     cell: Array
@@ -244,7 +242,7 @@ class Push:
     """
 
     force: Array
-    held: NDArray[np.bool_]
+    held: Flags
     given: Array
     stress: Array | None
     pressed: Array
@@ -340,10 +338,7 @@ def settle(frame: Frame, springs: Springs, push: Push, start: Rest | None = None
 def _find_length(
     springs: Springs, overlap: Array, change: Array, force: Array, fall: float, residual: float
 ) -> float | None:
-    """Return the length of a step at which the energy no longer falls much; None if it falls without end.
-
-    ``fall`` is the work that the step does, per length, at its beginning.
-    """
+    """Return the length of a step at which the energy no longer falls much, at first by ``fall``; None if without end."""
     most = math.inf
     if springs.adhere:  # no contact may be torn on the way
         apart = change < 0.0
@@ -379,7 +374,7 @@ class _System:
     an earlier step where these are not too large, which they are in space, and the blocks of the balls elsewhere.
     """
 
-    def __init__(self, frame: Frame, press: Any, held: NDArray[np.bool_]) -> None:
+    def __init__(self, frame: Frame, press: Any, held: Flags) -> None:
         self.frame, self.free = frame, np.flatnonzero(~held)
         self.renew(press)
         self.direct = frame.dimension == 1 or len(self.free) <= _MOST_DIRECT
@@ -392,15 +387,12 @@ class _System:
 
     @property
     def is_floppy(self) -> bool:
-        """Whether motions cost no energy while all contacts touch, beside those of the whole; False where not probed.
-
-        Balls with no more contacts than dimensions are held: they are loose, wherever they are.
-        """
+        """Whether motions cost no energy while all contacts touch, beside those of the whole; False where not probed."""
         from scipy.sparse import eye_array
         from scipy.sparse.linalg import LinearOperator, eigsh
 
         frame, d = self.frame, self.frame.dimension
-        few = np.zeros(frame.motion.shape[1], bool)
+        few = np.zeros(frame.motion.shape[1], bool)  # of balls with no more contacts than dimensions: they are loose
         few[: frame.n_free] = np.repeat(np.diff((frame.motion[:, : frame.n_free : d] != 0).tocsc().indptr) <= d, d)
         press = self.press[:, ~few[self.free]]
         size, still = press.shape[1], len(self.drifts) + (d - frame.periods) * (d - frame.periods - 1) // 2
@@ -615,7 +607,7 @@ class _Configuration:
             length = 0.5 * (low + high)
         return there
 
-    def lead(self, loose: NDArray[np.bool_], least: float) -> _Configuration:
+    def lead(self, loose: Flags, least: float) -> _Configuration:
         """Bring ``loose`` balls to rest, while the others are held: to ``least`` of the mean force."""
         from scipy.sparse.csgraph import connected_components
 
@@ -739,10 +731,7 @@ def settle_exactly(frame: Frame, springs: Springs, push: Push, start: Rest) -> R
 
 
 def _open_light(springs: Springs, rest: Rest) -> Array:
-    """Return the overlaps (n_c,), without those whose force may be a residual only, where nothing holds a ball.
-
-    Stiffness at such contacts would hold it.
-    """
+    """Return the overlaps (n_c,), without those whose force may be a residual only: their stiffness would hold a ball."""
     force = springs.force(rest.overlap)
     light = np.abs(force) <= CARRIED_FORCE * rest.residual * springs.size(force)
     return np.where(light, np.minimum(rest.overlap, springs.least), rest.overlap)

@@ -37,7 +37,7 @@ from granphon.base.validation import choice, finite_array, lengths, require, who
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.tensors import bulk_and_shear, longitudinal_modulus, symmetrise, waves_of_tensor
 from granphon.media.equilibria import find_equilibria, find_equilibrium, prescribe, require_load, share_array
-from granphon.media.friction_history import HISTORY_OPTIONS, FrictionHistory
+from granphon.media.friction_history import HISTORY_OPTIONS, FrictionHistory, LoadedSample, require_above
 from granphon.media.left_out import (
     EXACT,
     GEOMETRIES,
@@ -47,7 +47,6 @@ from granphon.media.left_out import (
     choose_geometries,
     estimate_shear_deficit,
 )
-from granphon.media.loading import LoadedSample, require_above
 from granphon.media.medium import Medium, Option
 from granphon.media.state import ContactState, read_finite_overlap
 
@@ -566,17 +565,50 @@ class DirectSimulation(Medium[SimulatedState]):
         history = self.history
         for name, value in history.options.items():
             object.__setattr__(self, name, value)
-        held = history.from_gas and history.friction_coefficient != 0
-        require_standing(self.packing, history.is_loaded, history.is_loaded and held)
-        periods, shape = self.packing.structure.periods, self.shape
+        # the balls move as simulated balls do, and stand without friction, or are held by it from the gas on
+        packing, structure, shape = self.packing, self.packing.structure, self.shape
+        periods, own = structure.periods, next(iter(allowed_motions(structure.periods).values()))
+        if structure.dimension > periods or packing.motions not in (None, own.name):
+            what, mend = f"the motions {packing.motions!r}", f"Use another medium, or the motions {own.name!r}"
+            if structure.dimension > periods:
+                what, mend = f"a lattice of {periods} periods in space", "Use another medium"
+            why = "Simulated balls move along the periods of their lattice"
+            raise InputError(f"balls with {what} are not simulated", why, mend)
+        held = history.is_loaded and history.from_gas and history.friction_coefficient != 0
+        if not held and (falls := _explain_fall(structure, own)) is not None:
+            what = f"the {structure.name} lattice is not simulated, because it does not stand without friction"
+            mend = "use another medium, or a lattice with more contacts, such as triangular or fcc"
+            friction = "" if packing.friction else "friction: true of the packing and "
+            if ContactLattice.of(structure, packing.material.mindlin_ratio, bending=packing.bending).mechanism:
+                mend = f"Friction does not hold it either: {mend}"
+            elif history.is_loaded:
+                keys = f"{friction}start: gas, and a friction_coefficient above zero"
+                mend = f"Start the history at the gas ({keys}), from which friction holds it; or {mend}"
+            else:
+                keys = f"{friction}friction_history: true with a friction_coefficient and start: gas"
+                mend = f"A simulation with {keys} simulates it; or {mend}"
+            raise MechanismError(what, falls, mend)
         if shape is not None:
             shape = require("shape", partial(lengths, low=1, high=_MOST_SIDE, periods=periods), shape)
             if math.prod(shape) > _MOST_CELLS:
                 what = f"shape is {shape}, which are {float(math.prod(shape)):.3g} cells"
                 raise InputError(what, f"No memory holds more than {_MOST_CELLS:.3g}", "Give fewer")
         object.__setattr__(self, "shape", shape or DEFAULT_SHAPES[periods])
-        if self.diameters is not None:
-            self._take_diameters(self.diameters)
+        if self.diameters is not None:  # the sample takes their shape, and the packing their spread if it has none
+            array, n = read_only(finite_array("diameters", self.diameters, "m", "above zero")), structure.n_balls
+            if array.ndim != periods + (n > 1) or (n > 1 and array.shape[-1] != n):
+                wanted = ", ".join([*(f"L{axis + 1}" for axis in range(periods)), *[str(n)] * (n > 1)])
+                raise InputError(f"diameters have the shape {array.shape}", mend=f"Give an array ({wanted})")
+            if packing.spread is None and np.ptp(array):
+                # the packing takes the mean of the shifted list, which rounding may have changed
+                spread = Measured(tuple((packing.diameter + (array - np.mean(array))).ravel().tolist()))
+                packing = replace(packing, spread=spread, diameter=spread.mean)
+            object.__setattr__(self, "packing", packing)
+            object.__setattr__(self, "diameters", array)
+            if self.shape not in (DEFAULT_SHAPES[periods], array.shape[:periods]):
+                what = f"shape is {self.shape!r}, and the diameters have the shape {array.shape}"
+                raise InputError(what, "The diameters determine the shape of the sample", "Leave shape out")
+            object.__setattr__(self, "shape", array.shape[:periods])
         if 0.0 < self.packing.width < _LEAST_WIDTH * self.packing.diameter:
             what = f"the width of the diameters is {self.packing.relative_width:.3g} of their mean"
             raise InputError(what, f"Samples are simulated from {_LEAST_WIDTH:g} on", "Leave the spread out")
@@ -635,25 +667,6 @@ class DirectSimulation(Medium[SimulatedState]):
         """Everything that determines the results, except the values of given diameters."""
         given = self.diameters is not None
         return self.packing, self.shape, self.seed, self.samples, given, self.geometry, self.history
-
-    def _take_diameters(self, diameters: ArrayLike) -> None:
-        """Store given diameters (m); the sample takes their shape, and the packing their spread if it has none."""
-        array, packing = read_only(finite_array("diameters", diameters, "m", "above zero")), self.packing
-        lengths, n = packing.structure.periods, packing.structure.n_balls
-        if array.ndim != lengths + (n > 1) or (n > 1 and array.shape[-1] != n):
-            wanted = ", ".join([*(f"L{axis + 1}" for axis in range(lengths)), *[str(n)] * (n > 1)])
-            raise InputError(f"diameters have the shape {array.shape}", mend=f"Give an array ({wanted})")
-        if packing.spread is None and np.ptp(array):
-            # the packing takes the mean of the shifted list, which rounding may have changed
-            spread = Measured(tuple((packing.diameter + (array - np.mean(array))).ravel().tolist()))
-            packing = replace(packing, spread=spread, diameter=spread.mean)
-        object.__setattr__(self, "packing", packing)
-        object.__setattr__(self, "diameters", array)
-        own = array.shape[:lengths]
-        if self.shape not in (DEFAULT_SHAPES[lengths], own):
-            what = f"shape is {self.shape!r}, and the diameters have the shape {array.shape}"
-            raise InputError(what, "The diameters determine the shape of the sample", "Leave shape out")
-        object.__setattr__(self, "shape", own)
 
     @property
     def cells(self) -> tuple[int, ...]:
@@ -811,8 +824,7 @@ class DirectSimulation(Medium[SimulatedState]):
             mend = "Give force=[...] (N), pressure=[...] or overlap=[...] (m), or a Load of granphon.balls.loads"
             raise InputError(what, "It does not say what kind of load that is", mend)
         elif kinds := [kind for kind, values in given.items() if values is not None]:
-            what = f"the loads of a path are given as a Load and as {' and '.join(kinds)}"
-            raise InputError(what, mend="Give one")
+            raise InputError(f"the loads of a path are given as a Load and as {' and '.join(kinds)}", mend="Give one")
         load = load.applied
         simulation = replace(self, ordered=True)
         return simulation._press(load, simulation.prescribed(load), progress)
@@ -920,40 +932,6 @@ def no_finite_overlap(medium: str) -> InputError:
     what = f"the medium {medium!r} has no terms of finite overlap"
     why = "Its linear response is found in the limit of spread and overlap small against the diameter"
     return InputError(what, why, "Leave finite_overlap out, simulate with geometry exact, or take another medium")
-
-
-def require_standing(packing: Packing, history: bool = False, by_friction: bool = False) -> None:
-    """Raise an error unless the balls of a packing stand without friction, and move as simulated balls do.
-
-    They need not stand without it if they are held ``by_friction``. The error says what would simulate them; whether they
-    are loaded with a ``history`` of friction makes a difference there.
-
-    Raises :class:`~granphon.base.errors.MechanismError` for a lattice that has a motion without a cost in energy, and
-    :class:`~granphon.base.errors.InputError` for motions that a simulation does not have.
-    """
-    structure = packing.structure
-    own = next(iter(allowed_motions(structure.periods).values()))  # along the periods of the lattice
-    if structure.dimension > structure.periods or packing.motions not in (None, own.name):
-        what, mend = f"the motions {packing.motions!r}", f"Use another medium, or the motions {own.name!r}"
-        if structure.dimension > structure.periods:
-            what, mend = f"a lattice of {structure.periods} periods in space", "Use another medium"
-        why = "Simulated balls move along the periods of their lattice"
-        raise InputError(f"balls with {what} are not simulated", why, mend)
-    falls = None if by_friction else _explain_fall(structure, own)
-    if falls is None:
-        return
-    what = f"the {structure.name} lattice is not simulated, because it does not stand without friction"
-    mend = "use another medium, or a lattice with more contacts, such as the triangular lattice, fcc or hcp"
-    friction = "" if packing.friction else "friction: true of the packing and "
-    if ContactLattice.of(structure, packing.material.mindlin_ratio, bending=packing.bending).mechanism:
-        mend = f"Friction does not hold it either: {mend}"
-    elif history:
-        keys = f"{friction}start: gas, and a friction_coefficient above zero"
-        mend = f"Start the history at the gas ({keys}), from which friction holds it; or {mend}"
-    else:
-        keys = f"{friction}friction_history: true with a friction_coefficient and start: gas"
-        mend = f"A simulation with {keys} simulates it; or {mend}"
-    raise MechanismError(what, falls, mend)
 
 
 @lru_cache(maxsize=64)

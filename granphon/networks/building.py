@@ -12,17 +12,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granphon.balls.hertz import HertzLaw, harmonic_diameter
 from granphon.balls.material import Material
 from granphon.balls.motions import allowed_motions
+from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InconsistencyWarning, InputError, brief, message
 from granphon.base.text import counted
 from granphon.base.validation import real_array, require, truth, whole_number
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 #: greatest number in SI, and the inverse of the least one: products of a few of them stay within the range of floats
 LARGEST = 1e60
 #: greatest number of cells between two balls
@@ -84,12 +82,12 @@ class Contacts:
     arm_i: Array | None = None
     arm_j: Array | None = None
 
-    def refuse(self, bad: NDArray[np.bool_], wrong: str, why: str = "", mend: str = "") -> None:
+    def refuse(self, bad: Flags, wrong: str, why: str = "", mend: str = "") -> None:
         """Raise :class:`~granphon.base.errors.InputError` if any contact is ``bad``; the message names the first one."""
         if np.any(bad):
             raise InputError(self.describe(bad, wrong), why, mend)
 
-    def describe(self, bad: NDArray[np.bool_], wrong: str) -> str:
+    def describe(self, bad: Flags, wrong: str) -> str:
         """Say of the first contact that is ``bad`` what is ``wrong``, and how many there are."""
         first, count = int(np.flatnonzero(bad)[0]), int(np.count_nonzero(bad))
         more = f" ({count} in all)" if count > 1 else ""
@@ -106,7 +104,7 @@ class Source:
     balls: Balls
     contacts: Contacts
     cell: Array
-    pbc: NDArray[np.bool_]
+    pbc: Flags
     dimension: int | None = None
     motions: str | None = None
     prestress: bool = False
@@ -310,7 +308,7 @@ def find_rounding(values: Array) -> float:
     return 20.0 * float(np.max(np.abs(finite))) * 10.0**-digits
 
 
-def _first(values: Array, bad: NDArray[np.bool_]) -> float:
+def _first(values: Array, bad: Flags) -> float:
     return float(values[np.argmax(bad)]) if np.any(bad) else math.nan
 
 

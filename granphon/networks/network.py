@@ -13,7 +13,7 @@ from functools import cached_property, partial
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from granphon.balls.ball import RIGID_PLANE
 from granphon.balls.contact_table import TOUCH, repeat_contacts, require_joined
@@ -21,6 +21,7 @@ from granphon.balls.lattices import Lattice
 from granphon.balls.layers import Layers, find_axes, find_faces, read_edges
 from granphon.balls.material import Material
 from granphon.balls.motions import Motions, allowed_motions, select_motions
+from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import GranphonError, InputError, brief
 from granphon.base.registry import Registry
 from granphon.base.results import Result, read_only
@@ -29,8 +30,6 @@ from granphon.base.text import counted
 from granphon.base.validation import choice, label, lengths, real_array, require, text_list, truth, whole_number
 from granphon.networks.building import LARGEST, MOST_STEPS, read_whole_numbers
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 #: fields with one number for each ball
 _BALLS = ("radii", "masses", "inertias")
 #: fields of whole numbers
@@ -244,9 +243,9 @@ class ContactNetwork(Result):
         return len(self.i)
 
     @cached_property
-    def moving(self) -> NDArray[np.bool_]:
+    def moving(self) -> Flags:
         """(n,) whether each ball moves: its mass is not infinite."""
-        found: NDArray[np.bool_] = read_only(np.isfinite(self.masses))
+        found: Flags = read_only(np.isfinite(self.masses))
         return found
 
     @cached_property
@@ -318,7 +317,7 @@ class ContactNetwork(Result):
         total = np.bincount(i, weight, n) + np.bincount(j, weight, n)
         pull = np.stack([np.bincount(j, one, n) - np.bincount(i, one, n) for one in push.T], axis=1)
 
-        def is_held(balls: Index) -> NDArray[np.bool_]:
+        def is_held(balls: Index) -> Flags:
             # two contacts or more whose forces are in balance, as along a straight row, hold a ball where contacts slip
             balanced = np.linalg.norm(pull[balls], axis=1) <= _BALANCED * total[balls]
             in_row = (slips and held_by is None) & (count[balls] >= 2) & balanced
@@ -528,15 +527,12 @@ class ContactNetwork(Result):
         for word, at in zip(words, faces, strict=True):
             if word == "clamped" and not np.any(np.isin(i, at) | np.isin(j, at)):
                 raise InputError("the clamped balls of an edge touch none that moves", mend="Give more layers")
-        # all that moves hangs together, or is held by bodies that do not move; these are one, along all periods
-        size, held = int(np.count_nonzero(~still)), bool(np.any(still))
-        name, rings = np.where(still, size, np.cumsum(~still) - 1), np.eye(p, dtype=np.intp)[: p * held]
-        one, other = (np.append(name[end], np.full(len(rings), size)) for end in (i, j))
+        # all that moves hangs together, or is held by bodies that do not move
         loose = self.rattlers.size
         require_joined(
-            one, other, np.concatenate([inner[:, :p], rings]), size + held, p, "the cut network",
+            i, j, inner[:, :p], len(still), p, "the cut network",
             f"Of its balls {loose} in each cell carry no load and hang on nothing" if loose else "",
-            "Leave them out: network.without_rattlers()" if loose else "Give more layers",
+            "Leave them out: network.without_rattlers()" if loose else "Give more layers", still,
         )  # fmt: skip
         cell = np.zeros((3, 3))
         cell[:p, :d] = cut.cell
@@ -596,8 +592,7 @@ class ContactNetwork(Result):
         from granphon.networks.tables import read_tables
 
         source = read_tables(balls, contacts, columns or {}, cell, pbc)
-        fields = source.complete(material, friction, dimension, motions, prestress)
-        return cls(**fields)._leave_out(keep_rattlers, held_by)
+        return cls(**source.complete(material, friction, dimension, motions, prestress))._leave_out(keep_rattlers, held_by)
 
     @classmethod
     def from_lammps(
@@ -642,8 +637,7 @@ class ContactNetwork(Result):
         from granphon.networks.lammps import read_dumps
 
         source = read_dumps(dump, pairs, units, columns, step, normal_stiffness, shear_stiffness)
-        fields = source.complete(material, friction, dimension, motions, prestress)
-        return cls(**fields)._leave_out(keep_rattlers, held_by)
+        return cls(**source.complete(material, friction, dimension, motions, prestress))._leave_out(keep_rattlers, held_by)
 
     @classmethod
     def read(cls, program: str, *files: Any, **options: Any) -> ContactNetwork:
@@ -727,10 +721,8 @@ def refuse_unpressed(source: Any) -> None:
 
 
 def _list_demands(network: ContactNetwork) -> Iterator[tuple[str, Any, str, str]]:
-    """Yield what each ball or contact must meet: a field, whether each is right, what to say if not, and how to mend it.
-
-    A demand may rely on those before it. Walls, which do not move, may have any size and place.
-    """
+    """Yield what each ball or contact must meet: a field, whether each is right, what to say if not, and how to mend it."""
+    # a demand may rely on those before it; walls, which do not move, may have any size and place
     moving, d, i, j = network.moving, network.dimension, network.i, network.j
     largest = f"that is not finite, or above {LARGEST:g}"
     yield "positions", np.all(np.abs(network.positions) < LARGEST, axis=1), f"is at a place {largest} m", ""
@@ -786,7 +778,7 @@ def _list_demands(network: ContactNetwork) -> Iterator[tuple[str, Any, str, str]
         yield name, getattr(network, name) <= LARGEST, f"has a {name} {said}", ""
 
 
-def number_pieces(i: Index, j: Index, moving: NDArray[np.bool_]) -> Index:
+def number_pieces(i: Index, j: Index, moving: Flags) -> Index:
     """Number the sets of balls that contacts join: (n,) the number of the set of each ball. A wall joins none."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

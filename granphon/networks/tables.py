@@ -11,8 +11,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import LENGTH, LOADS, Quantity
 from granphon.base.staging import write_text
@@ -21,8 +21,6 @@ from granphon.base.text import closest, decode, open_seal, read_bytes, require_p
 from granphon.base.validation import real_array, require, truth
 from granphon.networks.building import MOST_BYTES, Balls, Contacts, Source, read_whole_numbers
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 _PLACE = replace(LENGTH, least="any")
 _FORCE = replace(LOADS["force"], least="zero or above")
 _ACROSS = replace(_FORCE, least="any")
@@ -108,8 +106,7 @@ class _Columns:
                     raise InputError(what, mend=f"Convert it, and call it {name!r}")
                 values = self._values[name] = real_array(f"{name} of {self.name}", arrays[wanted])
                 if values.ndim != 1:
-                    what = f"{name} of {self.name} has the shape {values.shape}"
-                    raise InputError(what, mend="Give a list of numbers")
+                    raise InputError(f"{name} of {self.name} has the shape {values.shape}", mend="Give a list of numbers")
         sizes = {name: len(values) for name, values in self._values.items()}
         if len(set(sizes.values())) > 1:
             said = ", ".join(f"{size} of {name}" for name, size in sizes.items())
@@ -143,11 +140,7 @@ class _Columns:
             raise InputError(f"{self.name}: {error}") from None
 
     def vectors(self, *names: str, wide: bool = False) -> Array | None:
-        """The columns of some names side by side, as many of the first ones as there are; None if there is none of them.
-
-        ``wide`` puts zeros behind, for those that are not there.
-        Raises :class:`InputError` if one but the last is missing, or if they are in different units.
-        """
+        """The columns of some names side by side, as many of the first as there are (zeros behind if ``wide``), or None."""
         there = [name for name in names if name in self]
         if not there:
             return None

@@ -18,11 +18,9 @@ from typing import NamedTuple
 
 import numpy as np
 from ase import Atoms
-from numpy.typing import NDArray
 
+from granphon.base.arrays import Array, Index
 from granphon.base.errors import needing
-
-Array = NDArray[np.float64]
 
 #: number of corners of simplices, times frequencies, that are held in memory at a time
 _HELD = 2**20
@@ -42,14 +40,14 @@ class ZoneMesh(NamedTuple):
     #: numbers of points along the reciprocal vectors, (p,)
     numbers: tuple[int, ...]
     #: the point among those left to which each point of the mesh is equivalent; the first axis runs fastest
-    left: NDArray[np.intp]
+    left: Index
     #: points left, (n, p) fractions of the reciprocal cell
     qpoints: Array
     #: number of points of the mesh to which each of them is equivalent, (n,)
-    weights: NDArray[np.intp]
+    weights: Index
 
     @classmethod
-    def of(cls, numbers: tuple[int, ...], group: NDArray[np.intp] | None = None) -> ZoneMesh:
+    def of(cls, numbers: tuple[int, ...], group: Index | None = None) -> ZoneMesh:
         """Return the mesh, reduced by a ``group`` (n, p, p) of :func:`find_point_group` and by time reversal.
 
         It is whole without a group, and where a rotation mixes axes of different numbers.
@@ -118,7 +116,7 @@ class ZoneMesh(NamedTuple):
         return counted[:, :-1]
 
 
-def find_point_group(atoms: Atoms, periods: int, frequencies: Callable[[Array], Array]) -> NDArray[np.intp] | None:
+def find_point_group(atoms: Atoms, periods: int, frequencies: Callable[[Array], Array]) -> Index | None:
     """Return the rotations that keep ``frequencies``, (n, p, p), which act on fractions q as q @ rotation; None if unknown.
 
     They are of the layer or space group of the ``atoms``. Spglib knows the places of the balls, not the stiffness of
