@@ -105,9 +105,14 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
     ax.add_collection(LineCollection(list(ends), colors="black", linewidths=1.2, zorder=2.5, gid="path"), autolim=False)
     middle = outline.mean(axis=0)
     names = {print_label(bands.labels[s + e].split("|")[e - 1]): ends[s, e] for s in range(len(ends)) for e in (0, 1)}
+    # in space a label stands in the one of these directions in which the lines of the path are farthest
+    lines = (ends[:, 0] + np.linspace(0.0, 1.0, 41)[:, None, None] * (ends[:, 1] - ends[:, 0])).reshape(-1, 2)
+    ways = np.stack([turn(2.0 * np.pi * np.arange(32) / 32.0) for turn in (np.cos, np.sin)], axis=1)
+    around = 0.15 * float(np.ptp(lines, axis=0).max()) * ways[:, None]
     for name, place in names.items():
         ax.plot(*place, "o", color="black", markersize=2.2, zorder=2.6)
-        away = _find_free_side(place, ends) if periods == 3 else place - middle
+        distance = np.linalg.norm(place + around - lines, axis=2).min(axis=1)
+        away = ways[np.argmax(np.round(distance, 9))] if periods == 3 else place - middle
         if np.linalg.norm(away) <= 1e-9:
             away = middle - ends.reshape(-1, 2).mean(axis=0)
         if periods == 1:
@@ -122,17 +127,6 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
     low, high = points.min(axis=0), points.max(axis=0)
     hide_axes(ax, low - 0.2 * np.max(high - low), high + 0.2 * np.max(high - low))
     return ax
-
-
-def _find_free_side(place: Array, ends: Array) -> Array:
-    """Find the direction (2,) from ``place`` in which a label is farthest from the lines of the path, ``ends`` (n, 2, 2)."""
-    along = np.linspace(0.0, 1.0, 41)[:, None, None]
-    lines = (ends[:, 0] + along * (ends[:, 1] - ends[:, 0])).reshape(-1, 2)
-    angle = 2.0 * np.pi * np.arange(32) / 32.0
-    ways = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    reach = 0.15 * float(np.ptp(lines, axis=0).max())
-    distance = np.linalg.norm(place + reach * ways[:, None] - lines, axis=2).min(axis=1)
-    return np.asarray(ways[np.argmax(np.round(distance, 9))])
 
 
 def _choose_view(corners: Array, faces: list[Array]) -> View:
@@ -169,8 +163,8 @@ def plot_bands(
 
     A LineCollection for each segment of the path and each branch: piece i runs through point i of the segment, and its
     colour is that of the point. Where branches coincide the lower one is drawn wider, so that all remain visible. Without
-    friction nothing rotates: the colour is then the longitudinal fraction. Bands without eigenvectors have one colour, and
-    branches that cross are not followed.
+    friction nothing rotates: the colour is then the longitudinal fraction. Bands of balls with a single motion have one
+    colour. So have bands without eigenvectors, whose branches are not followed where they cross.
 
     Parameters
     ----------
@@ -183,16 +177,18 @@ def plot_bands(
     colorbar : whether to draw the colour bar, above the axes.
     """
     unit = _choose_unit(bands) if unit is None else unit
-    values, scale, plain = bands.frequencies / unit.hertz, Normalize(0.0, 1.0), bands.eigenvectors is None and not edges
-    if not plain:
+    # coinciding waves of two edges are not told apart by the eigenvectors that connect branches
+    followed = bands.eigenvectors is not None and not edges
+    values = (bands.connected_frequencies if followed else bands.frequencies) / unit.hertz
+    # of balls with a single motion every branch would have the same colour
+    if coloured := followed and bands.motions.count > 1:
         part, colours, words = (
             (bands.rotational_fraction, ROTATION, "Rotational") if bands.motions.rotate
             else (bands.longitudinal_fraction, POLARISATION, "Longitudinal")
         )  # fmt: skip
-        values = bands.connected_frequencies / unit.hertz
         fraction = np.take_along_axis(part, bands.connection, 2)
-    if edges:  # not connected: coinciding waves of two edges are not told apart by the eigenvectors that connect branches
-        values, weight = bands.frequencies / unit.hertz, bands.edge_weight
+    if edges:
+        weight = bands.edge_weight
         mixed = np.array([to_rgb(one) for one in _EDGES])
         more = np.maximum(weight - 0.25, 0.0) / 0.75  # than that of a wave spread evenly
         paint = np.concatenate([more, 1.0 - more.sum(axis=-1, keepdims=True)], axis=-1) @ mixed
@@ -203,15 +199,18 @@ def plot_bands(
         for s, b in np.ndindex(field.shape[0], field.shape[2]):
             ax.fill_between(bands.distances[s], *field[s, :, b].T, color=_GAP, linewidth=0.0, zorder=0.1)
     for s, x in enumerate(bands.distances):
-        widths = _choose_widths(values[s], 1e-6 * values.max())  # what is closer is one line in print
+        # what is closer than this is one line in print: each later branch here and at a neighbour is a step wider
+        close = np.abs(values[s, :, :, None] - values[s, :, None, :]) <= 1e-6 * values.max()
+        both = np.pad(close[1:] & close[:-1], ((1, 1), (0, 0), (0, 0)))
+        widths = 1.5 * (1.0 + np.minimum(np.triu(both[1:] | both[:-1], 1).sum(axis=2), 3))  # (p, b), in points
         for b in range(bands.n_branches):
             points = np.stack([x, values[s, :, b]], axis=1)
             middle = 0.5 * (points[:-1] + points[1:])  # the line is cut half way between its points
             ends = np.vstack([points[:1], middle]), np.vstack([middle, points[-1:]])
             pieces = list(np.stack([ends[0], points, ends[1]], axis=1))
-            shades: dict[str, Any] = (
-                {"colors": BLUE} if plain else {"array": fraction[s, :, b], "cmap": colours, "norm": scale}
-            )
+            shades: dict[str, Any] = {"colors": BLUE}
+            if coloured:
+                shades = {"array": fraction[s, :, b], "cmap": colours, "norm": Normalize(0.0, 1.0)}
             if edges:
                 shades = {"colors": paint[s, :, b].clip(0.0, 1.0), "zorder": 2.0 + weight[s, :, b].sum(axis=-1).max()}
             lines = LineCollection(pieces, linewidths=widths[:, b], capstyle="round", gid=f"band-{s}-{b}", **shades)
@@ -235,7 +234,7 @@ def plot_bands(
     if edges:
         for name, colour in zip(("lower edge", "upper edge", "inside"), _EDGES, strict=True):
             ax.plot([], [], color=colour, label=name)
-    elif colorbar and not plain:
+    elif colorbar and coloured:
         add_part_bar(ax, colours, f"{words} part of the kinetic energy")
     return ax
 
@@ -244,14 +243,6 @@ def _choose_unit(result: Bands | DensityOfStates) -> HertzPrefix:
     """Return the decimal unit of hertz for the top frequency of the result."""
     there = result.frequencies if isinstance(result, Bands) else result.frequencies[result.total > 0.0]
     return HertzPrefix.for_top(float(there.max()))
-
-
-def _choose_widths(values: Array, tolerance: float) -> Array:
-    """Return line widths (p, b), in points: a step wider for each later branch that coincides here and at a neighbour."""
-    close = np.abs(values[:, :, None] - values[:, None, :]) <= tolerance
-    both = np.pad(close[1:] & close[:-1], ((1, 1), (0, 0), (0, 0)))
-    later = np.triu(both[1:] | both[:-1], 1).sum(axis=2)
-    return np.asarray(1.5 * (1.0 + np.minimum(later, 3)))  # width of a branch, in points
 
 
 def plot_asymptotes(

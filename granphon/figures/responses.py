@@ -25,7 +25,7 @@ from granphon.figures.waves import choose_states
 from granphon.figures.words import find_differing
 from granphon.fits.transfer import DampingFit
 from granphon.observables.catalogue import CATALOGUE, axis_label
-from granphon.phonons.complex_bands import ComplexBands
+from granphon.phonons.bands import ComplexBands
 from granphon.runs.dataset import Dataset, find_load
 from granphon.waves.response import QUANTITIES, Response
 from granphon.waves.settings import RESPONSES
@@ -221,5 +221,5 @@ def plot_transmission(result: Transmission, ax: Axes) -> Axes:
         ax.plot(f, np.where(runs, values, np.nan), style, color=colour, linewidth=1.0, label=label)
     ax.set(xlabel=f"Frequency ({print_hertz(unit)})", ylabel="Part of the energy", ylim=(-0.02, 1.02))
     ax.set_xlim(float(f[0]), float(f[-1]))
-    ax.legend(loc="center right")
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, borderaxespad=0.2)
     return ax

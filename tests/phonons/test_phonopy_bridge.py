@@ -319,7 +319,7 @@ def test_euphonic_reads_bands_with_eigenvectors(case, tmp_path):
 
 
 def test_bands_go_through_their_file(exported, tmp_path):
-    _, ph, _ = exported
+    case, ph, _ = exported
     bands = ph.bands(npoints=5)
     bands.write(tmp_path / "band.yaml")
     again = gp.Bands.read(tmp_path / "band.yaml")
@@ -330,8 +330,9 @@ def test_bands_go_through_their_file(exported, tmp_path):
     for name in ("frequencies", "group_velocities", "eigenvectors"):
         ours = getattr(bands, name)
         np.testing.assert_allclose(getattr(again, name), ours, rtol=1e-14, atol=1e-15 * np.abs(ours).max())
-    run(tmp_path, "phonopy-bandplot", "band.yaml", "-o", "x.png")
-    assert (tmp_path / "x.png").read_bytes().startswith(b"\x89PNG")
+    if case == "rough":
+        run(tmp_path, "phonopy-bandplot", "band.yaml", "-o", "x.png")
+        assert (tmp_path / "x.png").read_bytes().startswith(b"\x89PNG")
     # what another program sees: the modes of phonopy's own matrix, with the phases of the places of its atoms
     out = yaml.safe_load((tmp_path / "band.yaml").read_text())
     q = bands.qpoints.reshape(-1, 3)
@@ -404,7 +405,7 @@ def test_the_file_says_what_it_is(tmp_path):
 
 
 @pytest.mark.claim("phonopy-thresholds")
-@pytest.mark.parametrize("diameter", 10.0 ** np.arange(-8, 3))
+@pytest.mark.parametrize("diameter", [1e-8, 1e-6, 1e-3, 100.0])
 def test_the_unit_is_chosen_for_the_top(diameter, tmp_path):
     ph = gp.Phonons(at_overlap(1e-6, diameter=diameter))
     ph.save(tmp_path / "phonopy_params.yaml")
@@ -487,3 +488,14 @@ print(json.dumps([moments, [np.asarray(band).tolist() for band in bands], labels
     corners = np.array([point for band in path for point in (band[0], band[-1])])
     assert not np.any(np.all(np.isclose(np.abs(corners % 1.0 - 0.5), 1 / 6), axis=1))
     assert np.any(corners[:, 2])  # and it leaves the plane
+
+
+def test_a_file_of_phonopy_is_not_replaced(tmp_path):
+    phonons = gp.Phonons(gp.AveragedLattice(gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)).at_force(18.446))
+    for write, name in ((phonons.save, "phonopy_params.yaml"), (phonons.bands(npoints=3).write, "band.yaml")):
+        write(tmp_path / name)
+        write(tmp_path / name)  # its own
+        (tmp_path / name).write_text("phonopy:\n  version: 4.8.2\n")
+        with pytest.raises(OSError, match="no such file of granphon"):
+            write(tmp_path / name)
+        assert (tmp_path / name).read_text() == "phonopy:\n  version: 4.8.2\n"
