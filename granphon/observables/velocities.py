@@ -344,7 +344,10 @@ class Moduli(Result):
         a strain gives energy back, as it may with finite overlap.
         """
         self._require_shear()
-        stiffness, p = self._scale_strains(), self.periods
+        p = self.periods
+        # with strains yz, xz, xy times sqrt 2 the tensor is a matrix between vectors
+        size = np.where(np.arange(self.tensor.shape[-1]) < p, 1.0, np.sqrt(2.0))
+        stiffness = np.asarray(self.tensor * size[:, None] * size)
         if np.min(np.linalg.eigvalsh(0.5 * (stiffness + stiffness.swapaxes(-1, -2)))) <= 0.0:
             what = "the elastic tensor is not positive"
             raise InstabilityError(what, "A strain gives energy back", "Use .tensor")
@@ -362,11 +365,6 @@ class Moduli(Result):
     def _find_bulk(self) -> Array:
         """Return the mean pressure under a strain that is the same in all directions, over the change of volume."""
         return np.asarray(np.sum(self.tensor[..., : self.periods, : self.periods], axis=(-2, -1)) / self.periods**2)
-
-    def _scale_strains(self) -> Array:
-        """Return the tensor with strains yz, xz, xy times sqrt 2, in which it is a matrix between vectors."""
-        size = np.where(np.arange(self.tensor.shape[-1]) < self.periods, 1.0, np.sqrt(2.0))
-        return np.asarray(self.tensor * size[:, None] * size)
 
     def _require_shear(self) -> None:
         if self.periods == 1:
