@@ -66,8 +66,7 @@ def check_scene(scene: SceneFile) -> None:
     """
     from granphon.observables.validity import validity
     from granphon.runs.tasks import label_warnings
-    from granphon.scene.run import expected_files
-    from granphon.scene.scene import Scene
+    from granphon.scene.scene import Scene, expected_files
 
     read = Scene.from_yaml(scene)
     rows = describe_scene(read)  # first, because it raises if there is too little memory
@@ -120,8 +119,7 @@ def run_scene(
     """
     from granphon.base.progress import on_stderr
     from granphon.runs.workers import open_executor, require_workers
-    from granphon.scene.run import WORK_FILE, is_complete
-    from granphon.scene.scene import Scene
+    from granphon.scene.scene import WORK_FILE, Scene, is_complete
 
     def left() -> str:
         """Describe what an interruption has left in the folder."""

@@ -236,8 +236,7 @@ def measure_tradeoff(
     from granphon.media.friction_history import REFERENCE_OPTIONS, REST
     from granphon.runs.store import open_store
     from granphon.runs.workers import open_executor, require_workers
-    from granphon.scene.run import WORK_FILE
-    from granphon.scene.scene import Scene
+    from granphon.scene.scene import WORK_FILE, Scene
     from granphon.tradeoffs.measure import TRADEOFF_FILES, tradeoff
 
     require_name("--out", out)

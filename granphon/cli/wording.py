@@ -11,8 +11,7 @@ from granphon.base.text import counted
 if TYPE_CHECKING:
     from granphon.fits.fit import WidthFit
     from granphon.fits.transfer import DampingFit
-    from granphon.scene.run import RunResult
-    from granphon.scene.scene import Scene
+    from granphon.scene.scene import RunResult, Scene
     from granphon.tradeoffs.measure import TradeOff
 
 

@@ -448,8 +448,10 @@ class Plan:
         wanted = self.waves
         if wanted is None or (wanted.spectrum is None and wanted.pulse is None and not wanted.of_networks):
             return
-        from granphon.runs.network_records import require_network  # imported here: not all scenes need it
-        from granphon.runs.wave_records import require_waves
+        from granphon.runs.wave_records import (
+            require_network,  # imported here: not all scenes need it
+            require_waves,
+        )
 
         for one in self.few:
             for block in wanted.of_networks:
@@ -702,7 +704,7 @@ def _estimate_waves(medium: DirectSimulation, load: Load, wanted: WaveSettings) 
 def _estimate_motion(serving: ServingMedium, wanted: MotionSettings) -> Cost | None:
     """Estimate memory and time of the motions of a medium at all its loads; None if no state of it is quickly found."""
     from granphon.runs.motion_records import make_waves  # imported here: other scenes do not need it
-    from granphon.runs.network_records import find_typical_state
+    from granphon.runs.wave_records import find_typical_state
     from granphon.waves.operator import WaveOperator
 
     if (state := find_typical_state(serving)) is None:

@@ -24,8 +24,7 @@ from granphon.figures.curves import sweep_figure
 from granphon.phonons.paths import BandPath
 from granphon.runs import dataset
 from granphon.scene.file import write_preset
-from granphon.scene.run import is_complete
-from granphon.scene.scene import Scene
+from granphon.scene.scene import Scene, is_complete
 
 MATERIAL = "material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}"
 #: lattices that hold their shape with the motions that they have by default
