@@ -45,10 +45,9 @@ class Registry(Mapping[str, T]):
         from granphon.base.validation import label, require  # imported here: what only lists the plug-ins needs no NumPy
 
         require(f"the name of a {self.what}", label, name)
-        source = _plugins.loading or _PROGRAM
+        source = getattr(_plugins, "loading", "") or _PROGRAM
         if (holder := self._sources.get(name, source)) != source:
-            what = f"the {self.what} {name!r} exists already, of {holder}"
-            raise InputError(what, mend="Give another name")
+            raise InputError(f"the {self.what} {name!r} exists already, of {holder}", mend="Give another name")
         self._entries[name], self._sources[name] = entry, source
         return entry
 
@@ -95,13 +94,8 @@ class Registry(Mapping[str, T]):
         return len(self._entries)
 
 
-class _Plugins(threading.local):
-    """What is loading, in this thread."""
-
-    loading = ""
-
-
-_plugins, _lock = _Plugins(), threading.RLock()
+#: what is loading, in each thread
+_plugins, _lock = threading.local(), threading.RLock()
 #: plug-ins that were loaded, each with why it failed; None where it did not, or has not ended
 _loaded: dict[str, str | None] = {}
 

@@ -183,9 +183,6 @@ def transfer_fit_figure(fit: DampingFit) -> Figure:
     return figure
 
 
-# -- what passes at a frequency -------------------------------------------------------------------------------------
-
-
 def complex_bands_figure(bands: ComplexBands) -> Figure:
     """Draw wave numbers over frequency: real parts of waves that run to the left, decay of all others to the right.
 

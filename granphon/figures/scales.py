@@ -307,9 +307,6 @@ def _list_round_numbers(low: float, high: float) -> Iterator[tuple[Array, Array]
         yield ticks, ticks[0] + step / within * np.arange(within * (ticks.size - 1) + 1)
 
 
-# -- fonts --------------------------------------------------------------------------------------------------------------
-
-
 def describe_fonts() -> list[tuple[str, str]]:
     """Return rows of a name and a text: the font, whether the letters of figures are drawn, and matplotlib's folder.
 

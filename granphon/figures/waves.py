@@ -264,9 +264,6 @@ def plot_sample_dos(dos: SpectralDensity, ax: Axes) -> Axes:
     return ax
 
 
-# -- over loads ---------------------------------------------------------------------------------------------------------
-
-
 def sweep_dos_figure(dataset: Dataset) -> Figure:
     """Draw a figure, one column wide, of the densities of states of the arrays of a sweep, with standard errors as bands.
 

@@ -116,9 +116,6 @@ def _write_words(name: str) -> str:
     return name.replace("_", " ").capitalize()
 
 
-# -- what finds them ------------------------------------------------------------------------------------------------
-
-
 def _or_none(find: Callable[[Analysis], Any]) -> Callable[[Analysis], Any]:
     """Make ``find`` return None where the lattice does not have the quantity, as of a stress that is no pressure."""
 
@@ -157,9 +154,6 @@ def _exclude_finite_overlap(find: Callable[[ContactState], Any]) -> Callable[[An
     geometry has all terms.
     """
     return lambda of: None if of.state.finite_overlap and not of.state.n_samples else find(of.state)
-
-
-# -- the entries ----------------------------------------------------------------------------------------------------
 
 
 def _make_state_entry(name: str, title: str, **more: Any) -> Observable:

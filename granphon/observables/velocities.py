@@ -54,9 +54,6 @@ def local_exponent(state: ContactState) -> Any:
     return given_state(state).exponent if found is None else found
 
 
-# -- velocities and moduli ------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class SoundVelocities(Result):
     """Velocities of long waves, m/s, with the shape of the load followed by the shape of the directions.

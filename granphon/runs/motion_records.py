@@ -44,9 +44,6 @@ _PER_PERIOD = 10
 _BETWEEN, _STRAIGHT = (0.25, 0.75), 0.9
 
 
-# -- how it is made ---------------------------------------------------------------------------------------------------
-
-
 def make_waves(x: Any, network: ContactNetwork, settings: MotionSettings) -> NonlinearWaves:
     """Return the balls of a ``network``, made of the state, sample or network ``x``, with the law of its contacts."""
     state = x.source if isinstance(x, NetworkStates) else x
@@ -207,9 +204,6 @@ def average_motions(records: Sequence[Mapping[str, Array]], _: MotionSettings) -
                 " comes are no straight line that rises; run for longer, or with more frames"
             )
     return out, notes
-
-
-# -- files ------------------------------------------------------------------------------------------------------------
 
 
 def write_contacts(motion: Motion, path: Path, settings: MotionSettings) -> None:

@@ -39,9 +39,6 @@ from granphon.waves.settings import PulseSettings, SpectrumSettings, WaveSetting
 Array = NDArray[Any]
 
 
-# -- the sweep ------------------------------------------------------------------------------------------------------
-
-
 def sweep(
     packing: Packing | Arrangement | Crystal,
     *,
@@ -244,9 +241,6 @@ def sweep_grid(
         with locked.staging() as stage:
             write_sweep(dataset, stage / target.name)
     return dataset
-
-
-# -- paths of loads that end early -----------------------------------------------------------------------------------
 
 
 def _incomplete_files(name: str) -> list[str]:

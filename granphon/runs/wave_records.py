@@ -63,9 +63,6 @@ _WHOLE = "whole."
 _PULSE = {"pulse_velocity": "velocity", "time_of_flight": "time_of_flight", "coherent_fraction": "coherent_fraction"}
 
 
-# -- before anything is simulated -----------------------------------------------------------------------------------
-
-
 def require_waves(serving_media: Sequence[ServingMedium], wanted: WaveSettings, most: float = np.inf) -> None:
     """Raise if what is ``wanted`` cannot be found in the arrays of a case, at any of its loads.
 
@@ -131,9 +128,6 @@ def find_typical_state(serving: ServingMedium) -> Any:
 
 def _choose_plane(wanted: ResponseSettings) -> dict[str, Any]:
     return {name: getattr(wanted, name) for name in ("direction", "polarisation", "distance")}
-
-
-# -- of one sample ------------------------------------------------------------------------------------------------------
 
 
 def record_waves(sample: Sample, wanted: WaveSettings, whole: bool = False) -> dict[str, Array]:
@@ -284,9 +278,6 @@ def read_waves(path: Path) -> Any:
         return kinds[path.stem].from_dict(data)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-
-
-# -- of several samples at one load -------------------------------------------------------------------------------------
 
 
 def average_waves(records: Sequence[Record], wanted: WaveSettings) -> tuple[dict[str, Array], list[str]]:

@@ -179,9 +179,6 @@ def _draw(
     return target
 
 
-# -- reading --------------------------------------------------------------------------------------------------------
-
-
 def read_run(source: str | os.PathLike[str]) -> Run:
     """Read the results in the folder of a run, or in one of its files.
 
