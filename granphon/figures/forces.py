@@ -150,8 +150,7 @@ def _draw_chains(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> LineCollect
         mend = f"Give edges inside the array, in {'diameters' if layer.network is None else 'm'}"
         raise InputError("no ball of the array is in the window", mend=mend)
     # printed size of a diameter, in points, estimated because the layout is not known yet
-    size = (high - low) / layer.diameter
-    points = float(np.min(72.0 * figure.get_size_inches() * ax.get_position().size / size))
+    points = float(np.min(72.0 * figure.get_size_inches() * ax.get_position().size / (high - low))) * layer.diameter
     if len(sites) <= 700:  # more are not outlined
         style: dict[str, Any] = {"facecolors": colours, "edgecolors": "0.7", "linewidths": 0.4, "gid": "balls"}
         place = {"offsets": sites, "offset_transform": ax.transData}
@@ -270,7 +269,6 @@ def _find_layer(sample: Sample) -> _Map:
 
 
 def _sum_forces(i: NDArray[np.intp], j: NDArray[np.intp], force: Array, count: int) -> tuple[Array, Array]:
-    """Return of each of ``count`` balls the sum of the forces of its contacts, and the number of these."""
     ends = np.concatenate([i, j])
     sums = np.bincount(ends, np.concatenate([force, force]), count)
     return np.asarray(sums, float), np.bincount(ends, minlength=count).astype(float)
@@ -303,8 +301,7 @@ def _project(network: ContactNetwork) -> _Map:
         apart = np.any(network.shift != 0, axis=1) | flat[0] | flat[1]
         lines, forces = [np.stack([centres[i], centres[j]], axis=1)[~apart]], [network.normal_force[~apart]]
         for end, arm, wall in zip((i, j), (network.arm_i, -network.arm_j), flat, strict=True):
-            touch = centres[end] + arm[:, None] * network.normal
-            lines.append(np.stack([centres[end], touch], axis=1)[apart & ~wall])
+            lines.append(np.stack([centres[end], centres[end] + arm[:, None] * network.normal], axis=1)[apart & ~wall])
             forces.append(network.normal_force[apart & ~wall])
         return np.concatenate(lines)[..., :2], np.concatenate(forces)
 

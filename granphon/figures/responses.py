@@ -108,17 +108,9 @@ def responses_figure(dataset: Dataset) -> Figure:
             above, below = panels[2 * at : 2 * at + 2]
             above.sharex(below)
             above.tick_params(labelbottom=False)
-            lines = [
-                (
-                    take(name)[:, number],
-                    take("response_phase")[:, number],
-                    COLOURS[row] if len(states) == 1 else colour,
-                    1.2,
-                    "",
-                )
-                for colour, take in states
-                for row, number in enumerate(group)
-            ]
+            rows = [(take, number, COLOURS[row] if len(states) == 1 else colour)
+                    for colour, take in states for row, number in enumerate(group)]  # fmt: skip
+            lines = ((take(name)[:, n], take("response_phase")[:, n], colour, 1.2, "") for take, n, colour in rows)
             _draw_lines(above, below, f, name, lines)
             if len(states) > 1 and len(places) > 1:
                 above.set_title(places[group[0]])

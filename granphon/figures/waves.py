@@ -332,12 +332,8 @@ def choose_states(dataset: Dataset, name: str, what: str) -> tuple[list[tuple[An
     if name not in dataset:
         raise InputError(f"the sweep has no {what}", mend="Draw another figure")
     load = find_load(dataset)
-    values, unit, lines, found = (
-        dataset[load].values,
-        dataset[load].attrs.get("units", ""),
-        describe_lines(dataset, name),
-        [],
-    )
+    values, unit = dataset[load].values, dataset[load].attrs.get("units", "")
+    lines, found = describe_lines(dataset, name), []
     kinds, _ = find_differing([facts for facts, _ in lines])
     for at in np.argsort(values, kind="stable").tolist():
         size = write_value(float(values[at]), unit)
@@ -348,8 +344,7 @@ def choose_states(dataset: Dataset, name: str, what: str) -> tuple[list[tuple[An
     shades = colormaps["viridis"](np.linspace(0.0, 0.85, len(chosen)) if len(chosen) > 1 else [0.3])  # its end is too pale
 
     def take(place: dict[str, int], variable: str, polarisation: int = 0) -> Array:
-        at = place | {"polarisation": polarisation}
-        return np.asarray(dataset[variable].isel(at, missing_dims="ignore"), float)
+        return np.asarray(dataset[variable].isel(place | {"polarisation": polarisation}, missing_dims="ignore"), float)
 
     states, handles = list[tuple[Any, Callable[..., Array]]](), list[Line2D]()
     for shade, n in zip(shades.tolist(), chosen, strict=True):
