@@ -12,8 +12,17 @@ import typer
 
 from granphon.base.errors import InputError
 from granphon.cli.app import FORCE, PICTURES, SCENES, WORK, Force, SceneFile, Scheduler, Workers, command
-from granphon.cli.terminal import GO_ON, NOTHING_WRITTEN, require_name, say, say_table, tell_interruption, warn
-from granphon.cli.wording import describe_result, describe_scene
+from granphon.cli.terminal import (
+    GO_ON,
+    NOTHING_WRITTEN,
+    describe_result,
+    describe_scene,
+    require_name,
+    say,
+    say_table,
+    tell_interruption,
+    warn,
+)
 
 #: the scenes that ``init`` writes; the first is the default
 PRESETS = ("steel_hexagon", "steel_spread", "glass", "hydrogel", "chain", "membrane", "fcc", "hcp", "diatomic")

@@ -12,8 +12,18 @@ import typer
 from granphon.base.errors import InputError, Refused
 from granphon.base.text import show
 from granphon.cli.app import COMPARISONS, Force, SceneFile, Scheduler, Workers, command
-from granphon.cli.terminal import GO_ON, NOTHING_WRITTEN, require_name, say, say_table, tell_interruption, warn
-from granphon.cli.wording import describe_fit, describe_response_fit, write_direction
+from granphon.cli.terminal import (
+    GO_ON,
+    NOTHING_WRITTEN,
+    describe_fit,
+    describe_response_fit,
+    require_name,
+    say,
+    say_table,
+    tell_interruption,
+    warn,
+    write_direction,
+)
 
 if TYPE_CHECKING:
     from granphon.balls.packing import Packing
@@ -232,7 +242,7 @@ def measure_tradeoff(
     from granphon.base.quantities import TIME
     from granphon.base.staging import ResultFiles
     from granphon.base.validation import require
-    from granphon.cli.wording import describe_tradeoff
+    from granphon.cli.terminal import describe_tradeoff
     from granphon.media.friction_history import REFERENCE_OPTIONS, REST
     from granphon.runs.store import open_store
     from granphon.runs.workers import open_executor, require_workers

@@ -23,16 +23,16 @@ _PICTURES: dict[str, tuple[str, str, str, float]] = {
     "granphon.Bands": ("bands", "bands_figure", "bands", 0.0),
     "granphon.DensityOfStates": ("bands", "bands_figure", "dos", 0.0),
     "granphon.WidthFit": ("curves", "fit_figure", "fit", 0.0),
-    "granphon.DampingFit": ("responses", "transfer_fit_figure", "fit", 0.0),
+    "granphon.DampingFit": ("waves", "transfer_fit_figure", "fit", 0.0),
     "granphon.TradeOff": ("work_precision", "tradeoff_figure", "result", 0.0),
     "granphon.PathSpectra": ("waves", "spectrum_figure", "spectra", 0.0),
     "granphon.SpectralFunction": ("waves", "plot_lines", "spectrum", 2.6),
     "granphon.SpectralDensity": ("waves", "plot_sample_dos", "dos", 2.4),
     "granphon.SurfaceSpectrum": ("waves", "plot_surface", "spectrum", 3.1),
-    "granphon.Transmission": ("responses", "plot_transmission", "result", 2.3),
-    "granphon.ComplexBands": ("responses", "complex_bands_figure", "bands", 0.0),
+    "granphon.Transmission": ("waves", "plot_transmission", "result", 2.3),
+    "granphon.ComplexBands": ("waves", "complex_bands_figure", "bands", 0.0),
     "granphon.Motion": ("motions", "motion_figure", "motion", 0.0),
-    "granphon.Response": ("responses", "response_figure", "response", 0.0),
+    "granphon.Response": ("waves", "response_figure", "response", 0.0),
     "granphon.Pulse": ("waves", "pulse_figure", "pulse", 0.0),
     "granphon.NetworkModes": ("modes", "plot_network_mode", "modes", 3.4),
     "granphon.ContactNetwork": ("forces", "plot_forces", "sample", 0.0),
@@ -41,7 +41,7 @@ _PICTURES: dict[str, tuple[str, str, str, float]] = {
 }
 #: the same for what is found of the network of each state of a data set, by the block of the scene
 _OF_STATES = {
-    "response": ("responses", "responses_figure", "dataset", 0.0), "motion": ("motions", "motions_figure", "dataset", 0.0),
+    "response": ("waves", "responses_figure", "dataset", 0.0), "motion": ("motions", "motions_figure", "dataset", 0.0),
 }  # fmt: skip
 
 

@@ -26,7 +26,7 @@ import granphon as gp
 from granphon.base.errors import FileExistsInRunError, InputError
 from granphon.base.staging import LIST, LOCK, ResultFiles
 from granphon.cli.commands import main
-from granphon.cli.wording import write_uncertain
+from granphon.cli.terminal import write_uncertain
 from granphon.runs.dataset import load_sweep
 from granphon.runs.store import read_entries
 from granphon.runs.sweep import sweep

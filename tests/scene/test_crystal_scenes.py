@@ -19,7 +19,7 @@ from granphon.base.errors import InputError, InstabilityError, MechanismError, S
 from granphon.base.text import parse_yaml
 from granphon.cli.commands import main
 from granphon.cli.scenes import PRESETS
-from granphon.cli.wording import describe_result, describe_scene
+from granphon.cli.terminal import describe_result, describe_scene
 from granphon.figures.curves import sweep_figure
 from granphon.phonons.paths import BandPath
 from granphon.runs import dataset
