@@ -78,10 +78,11 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
     given = {} if known is None else {known[2]: result}
     if (dataset := find_dataset(result)) is not None:  # of the result of a scene the spectra come first
         if "load" not in dataset.dims:
-            why = "Its picture is over the load, and one was chosen, or their mean taken"
-            raise InputError(
-                "the data set has no dimension 'load'", why, "Keep all loads, or choose by a list: isel(load=[0])"
+            what, why = (
+                "the data set has no dimension 'load'",
+                "Its picture is over the load: one was chosen, or a mean taken",
             )
+            raise InputError(what, why, "Keep all loads, or choose by a list: isel(load=[0])")
         spectra = {name: getattr(result, name, None) for name in ("bands", "dos")}
         known, given = _PICTURES["xarray.Dataset"], {"dataset": dataset}
         if dataset is not result and any(one is not None for one in spectra.values()):
@@ -94,7 +95,14 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
             marks = {"response_phase": "response", "motion_force": "motion"}
             known = next((_OF_STATES[block] for mark, block in marks.items() if mark in dataset), known)
     if known is None:
-        known, given = _PICTURES["granphon.ContactNetwork"], _find_network(result)
+        # what the figure of a network takes for a state or a sample: its network, or several small cells of it
+        from granphon.networks.network import ContactNetwork
+
+        known, network = _PICTURES["granphon.ContactNetwork"], getattr(result, "network", None)
+        if isinstance(network, ContactNetwork):
+            periods = sum(network.pbc)
+            few = periods > 0 and network.n_balls <= 8  # of which some cells are drawn
+            given = {"sample": network.repeat(((8, 4, 2)[periods - 1],) * periods) if few else network}
     if not given or (kinds[0] == "xarray.Dataset" and dataset is None):
         refuse_unpressed(result)
         words = (
@@ -118,18 +126,6 @@ def draw_states(dataset: Any, block: str) -> Figure:
     module, name, _, _ = _OF_STATES[block]
     figure: Figure = getattr(import_module(f"granphon.figures.{module}"), name)(dataset)
     return figure
-
-
-def _find_network(result: Any) -> dict[str, Any]:
-    """Return what the figure of a network takes for a state or a sample: its network, or several small cells of it."""
-    from granphon.networks.network import ContactNetwork
-
-    network = getattr(result, "network", None)
-    if not isinstance(network, ContactNetwork):
-        return {}
-    periods = sum(network.pbc)
-    few = periods > 0 and network.n_balls <= 8  # of which some cells are drawn
-    return {"sample": network.repeat(((8, 4, 2)[periods - 1],) * periods) if few else network}
 
 
 def _show(figure: Any) -> Figure:

@@ -311,15 +311,13 @@ class Plan:
         try:
             yield
         except GranphonError as error:
-            if error.option is not None:
-                with self.origin.at("medium"):
-                    raise
-            if error.block is not None:
-                with self.origin.at(*error.block):
-                    raise
-            if error.load_index is None:
+            if error.option is not None or error.block is not None:
+                place: AbstractContextManager[None] = self.origin.at("medium")  # unless it knows better
+            elif error.load_index is None:
                 raise
-            with self.origin.at_index("load", self.load.kind, error.load_index):
+            else:
+                place = self.origin.at_index("load", self.load.kind, error.load_index)
+            with place:
                 raise
 
     @property
@@ -419,9 +417,7 @@ class Plan:
                     try:
                         medium.require_sound()
                     except MechanismError as error:
-                        mend = (
-                            "It has bands and a density of states: observe them without velocities, as observe: [bands, dos]"
-                        )
+                        mend = "It has bands and a density of states: observe these alone, as observe: [bands, dos]"
                         if self.parameters_of_branches:
                             mend = "In a scene of its own it has bands and a density of states: observe: [bands, dos]"
                         elif not self.is_single:
@@ -499,8 +495,7 @@ class Plan:
         grid, left = self.case_grid, []
         if many := self.n_cases > MOST_CASES or self.n_states > MOST_STATES:
             ends = tuple(dict.fromkeys((min(self.load.values), max(self.load.values))))
-            load = replace(self.load, array=ends).applied.flat
-            grid = replace(grid, axes=[axis.ends for axis in self.axes], load=load)
+            grid = replace(grid, axes=[one.ends for one in self.axes], load=replace(self.load, array=ends).applied.flat)
             left.append(f"all but the ends of {self.n_states:,} states")
         cases = self._place(grid) if many else self.cases
         slow = {serving.medium.name for one in cases for serving in one.serving_media if not serving.is_quick}
@@ -568,20 +563,13 @@ class Plan:
                 return max(found, key=size).times(len(found) * self.n_cases / n_few)
             return sum(found, Cost())
 
-        exponents = "velocities" in self.observe
-        simulated = [costs.estimate(medium, load, exponents=exponents) for medium, load in arrays]
+        simulated = [costs.estimate(medium, load, exponents="velocities" in self.observe) for medium, load in arrays]
         # cluster media are solved once for each distribution, lattice and Mindlin ratio
         laws = {law for one in self.few if (law := one.case.medium.of(one.case.packing).long_law) is not None}
         count = len(laws) if len(laws) < 2 else round(len(laws) * self.n_cases / n_few)
         clusters = costs.cluster_media(count, sum(law.balls for law in laws) / len(laws)) if count else Cost()
-        out: list[CostPart] = [
-            (
-                ("medium",),
-                "Take fewer balls (medium.simulation.shape), samples or loads",
-                add_up(simulated, lambda one: one.work),
-            ),
-            (("medium",), "Take the effective medium", clusters),
-        ]
+        mend, work = "Take fewer balls (medium.simulation.shape), samples or loads", add_up(simulated, lambda one: one.work)
+        out: list[CostPart] = [(("medium",), mend, work), (("medium",), "Take the effective medium", clusters)]
         total = Cost()
         if (wanted := self.waves) is not None:
             each = [cost for medium, load in arrays for cost in _estimate_waves(medium, load, wanted)]

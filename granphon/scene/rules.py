@@ -370,7 +370,11 @@ def load_kind(name: str) -> Kind:
         try:
             return own.read(value)
         except Refused as refused:
-            if not any(_is_taken(load_quantities(periods)[name].read, value) for periods in (1, 2, 3)):
+            for others in map(load_quantities, (1, 2, 3)):
+                with suppress(Refused):
+                    others[name].read(value)
+                    break
+            else:
                 raise
             mend = f"The pressure of the {at.lattice.name} lattice is in {own.unit}. {refused.mend}".rstrip()
             raise Refused(refused.found, refused.allowed, mend) from None
@@ -384,13 +388,6 @@ def load_kind(name: str) -> Kind:
             else None
         ),
     )
-
-
-def _is_taken(rule: Rule, value: Any) -> bool:
-    with suppress(Refused):
-        rule(value)
-        return True
-    return False
 
 
 def _read_media(value: Any, at: Context) -> tuple[MediumChoice, ...]:

@@ -362,8 +362,7 @@ class RunResult:
     @property
     def local_field(self) -> LocalField | None:
         """Local field of the effective medium; None of another medium, and for equal balls."""
-        medium = self.scene.serving.medium.of(self.scene.packing)
-        return medium.local_field if self.scene.packing.width else None
+        return self.scene.serving.medium.of(self.scene.packing).local_field if self.scene.packing.width else None
 
     # -- numbers --------------------------------------------------------------------------------------------------------
 
@@ -428,8 +427,7 @@ class RunResult:
         values = (data[name] * np.exp(1j * data["response_phase"])).values.reshape(-1, count)
         found = {}
         for place, one in zip(data["receiver"].values.tolist(), values.T, strict=True):
-            peaks = find_peaks(data["response_frequency"].values, one)
-            rows = np.transpose(peaks).tolist()
+            rows = np.transpose(find_peaks(data["response_frequency"].values, one)).tolist()
             found[place] = [dict(zip(("frequency", "height", "quality"), row, strict=True)) for row in rows]
         return found
 
@@ -466,18 +464,11 @@ class RunResult:
     def figure(self, name: str) -> Any:
         """Draw the matplotlib figure of the file ``name``."""
         stem = name.removesuffix(".png")
-        if stem == "forces":
-            from granphon.figures.forces import forces_figure
-
-            return forces_figure(self.state)
-        if self.waves is not None and stem in self.waves.results:
+        waves = {} if self.waves is None else self.waves.results
+        if stem in ("forces", "surface", *waves):
             from granphon.figures.plot import plot
 
-            return plot(self.waves.results[stem])
-        if stem == "surface":
-            from granphon.figures.plot import plot
-
-            return plot(self.surface)
+            return plot(self.state if stem == "forces" else self.surface if stem == "surface" else waves[stem])
         if stem in ("bands", "dos"):
             from granphon.figures.bands import bands_figure
 
@@ -493,7 +484,8 @@ def _describe_alone(
     analysis, records = Analysis(state, scene.direction), [SampleRecord.from_part(part, 0) for part in parts]
     if not records:
         with progress.step("networks") if scene.waves is not None and scene.waves.of_networks else nullcontext():
-            records = work.grid.cases[0].record_alone(state)
+            (task,) = work.grid.cases[0].media
+            records = task.record_networks(state, whole=True)
     dataset = work.join_alone(analysis, records)
     if records:
         from granphon.runs.wave_records import SampleWaves
