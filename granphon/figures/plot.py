@@ -78,11 +78,8 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
     given = {} if known is None else {known[2]: result}
     if (dataset := find_dataset(result)) is not None:  # of the result of a scene the spectra come first
         if "load" not in dataset.dims:
-            what, why = (
-                "the data set has no dimension 'load'",
-                "Its picture is over the load: one was chosen, or a mean taken",
-            )
-            raise InputError(what, why, "Keep all loads, or choose by a list: isel(load=[0])")
+            why, mend = "Its picture is over the load, and one was chosen, or their mean taken", "isel(load=[0])"
+            raise InputError("the data set has no dimension 'load'", why, f"Keep all loads, or choose by a list: {mend}")
         spectra = {name: getattr(result, name, None) for name in ("bands", "dos")}
         known, given = _PICTURES["xarray.Dataset"], {"dataset": dataset}
         if dataset is not result and any(one is not None for one in spectra.values()):

@@ -417,7 +417,8 @@ class Plan:
                     try:
                         medium.require_sound()
                     except MechanismError as error:
-                        mend = "It has bands and a density of states: observe these alone, as observe: [bands, dos]"
+                        bands = "It has bands and a density of states"
+                        mend = f"{bands}: observe them without velocities, as observe: [bands, dos]"
                         if self.parameters_of_branches:
                             mend = "In a scene of its own it has bands and a density of states: observe: [bands, dos]"
                         elif not self.is_single:
