@@ -184,7 +184,6 @@ def _fit_response(scene: str, read: Scene, data: str, columns: Mapping[str, str]
 def _finish_fit(
     out: str | None, files: ResultFiles | None, found: Any, notes: Sequence[str], table: list[tuple[str, str]]
 ) -> None:
-    """Write and tell a fit."""
     from granphon.fits.fit import FIT_FILES
 
     def figure(_: str) -> Any:
@@ -203,7 +202,6 @@ def _finish_fit(
 
 
 def _read_direction(value: str) -> list[float]:
-    """Read the numbers of a direction, parted by spaces or commas."""
     try:
         return [float(word) for word in value.replace(",", " ").split()]
     except ValueError:

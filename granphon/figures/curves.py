@@ -437,10 +437,7 @@ def plot_sweep(
 
 
 def _draw_sweep(dataset: Dataset, ax: Axes, variable: str, x: str | None) -> tuple[list[Curve], list[Line2D]]:
-    """Draw what :func:`plot_sweep` draws, and return its curves and the entries of its legend.
-
-    These are the colours, combinations of parameters, grey if there are several colours, and what holds for all curves.
-    """
+    """Draw what :func:`plot_sweep` draws, and return its curves and the entries of its legend."""
     if dataset.sizes["load"] == 1:  # curves lie over the parameter in numbers that has the most values
         numbers = {name: dataset.sizes[name] for name in list_parameters(dataset) if dataset[name].dtype.kind in "fiu"}
         x = x or next((name for name in numbers if numbers[name] == max(numbers.values()) > 1), None)
@@ -502,7 +499,6 @@ def plot_exponent(dataset: Dataset, ax: Axes, x: str | None = None) -> Axes:
 
 
 def _write_beside(ax: Axes, text: str, value: float, **options: Any) -> None:
-    """Write a text to the right of the panel, at a value of the y axis."""
     place: dict[str, Any] = {"xycoords": ax.get_yaxis_transform(), "xytext": (3, 0), "textcoords": "offset points"}
     ax.annotate(text, (1.0, value), va="center", annotation_clip=False, **place, **options)
 
@@ -643,7 +639,6 @@ def _draw_together(
     results: Sequence[Any] | Mapping[str, Any], ax: Axes, x: str | None = None, y: str | None = None, data: Any = (),
     balls_per_side: int | None = None,
 ) -> _Drawn:  # fmt: skip
-    """Draw what :func:`plot_together` draws, without legend and title."""
     if isinstance(results, Mapping):
         runs = [Run.of(str(name), one, named=True) for name, one in results.items()]
     else:
@@ -748,7 +743,6 @@ class Run:
 
 
 def _tabulate_fit(name: str, fit: WidthFit, named: bool) -> Run:
-    """Return the measured velocities of a fit, and its line over the force, as data sets of states."""
     frequency, branch, finite = fit.waves.frequency, fit.waves.branch, fit.waves.finite_overlap
     several = np.ndim(frequency) > 0  # a fit of pulses that each have a frequency is known at the data alone
     force = fit.force if several else np.geomspace(fit.force.min(), fit.force.max(), 200)
@@ -833,7 +827,6 @@ def _find_ratio(runs: Sequence[Run], x: str, mend: str = "Draw over the force") 
 
 
 def _read_points(given: Any, runs: Sequence[Run], x: str, y: str, balls: int | None) -> Curve:
-    """Return measured velocities, read from a file if need be, as a curve."""
     entry = CATALOGUE.get(y)
     if entry is None or entry.cost not in ("velocities", "pulse") or entry.unit != "m/s":
         raise InputError(f"measured velocities share no axis with {y}", mend="Take a velocity, as longitudinal")
@@ -892,7 +885,6 @@ def _write_legend(curves: Sequence[Curve]) -> tuple[list[tuple[str, str]], list[
 
 
 def _draw_curves(ax: Axes, found: list[Curve], measured: list[Curve], x: str, y: str) -> _Drawn:
-    """Draw curves, those that are measured as points; single states of the same facts are one curve of points."""
     models, single = list[Curve](), set[int]()
     for curve in (one for one in found if not one.measured):
         alike = [n for n, other in enumerate(models) if other.facts == curve.facts and other.units == curve.units]
@@ -970,7 +962,6 @@ def _draw_spectra(runs: Sequence[Run], ax: Axes, name: str, lines: Sequence[Sequ
 
 
 def _draw_bands(runs: Sequence[Run], ax: Axes) -> _Drawn:
-    """Draw bands one over the other, a colour for each run; :class:`InputError` if their paths differ."""
     every = [run.bands for run in runs if run.bands is not None]
     first = every[0]
     for run, bands in zip(runs, every, strict=True):

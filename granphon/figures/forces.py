@@ -221,7 +221,6 @@ class _Map:
 
 
 def _find_layer(sample: Sample) -> _Map:
-    """Return the balls of a sample that are drawn, in a plane, with the contacts between them."""
     structure, p = sample.packing.structure, len(sample.shape)
     rows, columns = (*sample.shape, 1)[:2]
     vectors = np.eye(3)
@@ -275,7 +274,6 @@ def _sum_forces(i: NDArray[np.intp], j: NDArray[np.intp], force: Array, count: i
 
 
 def _project(network: ContactNetwork) -> _Map:
-    """Return the balls and contacts of a network, seen along z."""
     sums, counts = _sum_forces(network.i, network.j, network.normal_force, network.n_balls)
     shown = np.flatnonzero(np.isfinite(network.radii))  # balls, and no flat walls; the lowest come first
     shown = shown[np.argsort(network.positions[shown, 2], kind="stable")]
@@ -315,7 +313,6 @@ def _project(network: ContactNetwork) -> _Map:
 
 
 def _write_title(sample: Sample) -> str:
-    """Return the title: f* and a* (for equal balls the force, N), and N_c."""
     state, contacts = sample.equilibrium, f"$N_c$ = {sample.contact_fraction():.3f}"
     if not sample.packing.width:
         return f"$f$ = {sample.force:.4g} N, {contacts}"

@@ -177,7 +177,6 @@ def animate_mode(
 def _find_motion(
     phonons: Phonons, q: ArrayLike, branch: int, cells: tuple[int, ...] | None, direction: ArrayLike | None
 ) -> _Motion:
-    """Find the motion of the balls that are drawn in the mode of ``branch`` at ``q``."""
     modes = phonons.modes([real_array("q", q)], direction)
     count = modes.frequencies.shape[1]
     if not 0 <= branch < count:
@@ -275,10 +274,7 @@ def _place_balls(lattice: ContactLattice, cells: tuple[int, ...] | None) -> tupl
 
 
 def _draw_plane(ax: Axes, motion: _Motion, shift: Array, angles: Array) -> None:
-    """Draw discs with their displacements (m, 2) and angles (m,).
-
-    For each ball that turns: the sector from the upright to its mark, its arc with an arrowhead, and the marked diameter.
-    """
+    """Draw discs with displacements (m, 2) and angles (m,), each with its sector, its arc with a head, a marked diameter."""
     centres, radii = motion.places[:, :2], motion.radii
     balls = [Circle((x, y), r) for (x, y), r in zip(centres, radii, strict=True)]
     ax.add_collection(

@@ -134,7 +134,6 @@ def _show(figure: Any) -> Figure:
 
 
 def _require_options(draw: Callable[..., Any], name: str, given: dict[str, Any], options: dict[str, Any]) -> None:
-    """Raise InputError for an option that the function does not have."""
     allowed = [one for one in signature(draw).parameters if one not in given]
     if unknown := [one for one in options if one not in allowed]:
         mend = f"It has {', '.join(allowed)}" if allowed else "It has none"

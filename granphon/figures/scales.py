@@ -337,7 +337,6 @@ def describe_fonts() -> list[tuple[str, str]]:
 
 
 def _draw_text(text: str) -> str:
-    """Draw a text; return what went wrong, an empty text if nothing did."""
     with warnings.catch_warnings(), matplotlib.rc_context(STYLE):
         warnings.simplefilter("error")
         try:

@@ -466,7 +466,6 @@ def _label_decibels(name: str) -> str:
 
 
 def _find_decibels(magnitude: Array) -> Array:
-    """Return 20 log10 of magnitudes; nan of zero."""
     return 20.0 * np.log10(np.where(magnitude > 0.0, magnitude, np.nan))
 
 

@@ -167,10 +167,7 @@ def _make_modulus_entry(name: str, title: str, **more: Any) -> Observable:
 
 
 def _make_load_error_entry(name: str, title: str) -> Observable:
-    """Make the entry of the standard error of the force or the overlap.
-
-    Its value is None for the quantity that all samples have in common, and if there is only one sample.
-    """
+    """Make the entry of the standard error of what samples may not have in common; its value is None where they have."""
     error = f"{name}_error"
     return Observable(error, SimulatedState.units[name], title, find=lambda of: of.state.mean_errors.get(error), swept=False)
 

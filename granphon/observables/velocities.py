@@ -258,7 +258,6 @@ class Moduli(Result):
     cubic: bool = False
 
     def _field_units(self) -> dict[str, str]:
-        """The SI unit of each field: of moduli N on a line, else Pa."""
         return {name: "N" if unit == "Pa" and self.periods == 1 else unit for name, unit in self.units.items()}
 
     @property

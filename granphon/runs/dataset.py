@@ -393,7 +393,6 @@ def _is_of_sound(name: str) -> bool:
 
 
 def _list_attributes(name: str, values: Array, packing: Balls) -> dict[str, str]:
-    """Return the attributes of a variable of a packing: its meaning, and the unit of its numbers."""
     entry = entry_of(name, packing)
     return {"long_name": entry.title} | ({"units": entry.unit} if entry.unit and values.dtype.kind in "iuf" else {})
 

@@ -244,7 +244,6 @@ def sweep_grid(
 
 
 def _incomplete_files(name: str) -> list[str]:
-    """Return the names of the files for the loads that were reached, of a sweep whose result has this ``name``."""
     path = Path(name)
     return file_names(path.with_stem(f"{path.stem}_{INCOMPLETE}"))
 

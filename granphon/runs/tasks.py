@@ -624,7 +624,6 @@ def restore_sample(simulation: DirectSimulation, part: TaskResult) -> Sample | P
 
 
 def _list_kept(kind: type[Equilibrium]) -> list[str]:
-    """Return the names of the fields of an equilibrium that are kept."""
     # the sample is drawn again from its seed
     return [one.name for one in fields(kind) if one.name not in ("deviations", "lattice")]
 

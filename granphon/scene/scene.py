@@ -418,7 +418,6 @@ class RunResult:
         return out | {name: value for name, value in known.items() if np.isfinite(value)}
 
     def _list_peaks(self) -> dict[str, list[dict[str, float]]]:
-        """Return for each place of the receiver the peaks of the response of the only state: frequency, height and Q."""
         from granphon.waves.response import find_peaks
         from granphon.waves.settings import RESPONSES
 
@@ -479,7 +478,6 @@ class RunResult:
 def _describe_alone(
     scene: Scene, target: Path, work: SweepRun, state: ContactState, parts: Sequence[TaskResult], progress: Progress
 ) -> RunResult:
-    """Return what a scene observes of a single state; ``parts`` are what was found of its samples."""
     waves = bands = dos = gaps = None
     analysis, records = Analysis(state, scene.direction), [SampleRecord.from_part(part, 0) for part in parts]
     if not records:
