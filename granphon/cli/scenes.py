@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from granphon.base.errors import InputError
+from granphon.base.text import suggest
 from granphon.cli.app import FORCE, PICTURES, SCENES, WORK, Force, SceneFile, Scheduler, Workers, command
 from granphon.cli.terminal import (
     GO_ON,
@@ -46,14 +47,10 @@ def write_preset(
       granphon init beads.yaml --preset glass
     """
     from granphon.base.staging import ResultFiles, write_text
-    from granphon.base.text import closest
     from granphon.scene import file
 
     if preset not in PRESETS:
-        meant = closest(preset, PRESETS)
-        raise InputError(
-            f"found the preset {preset!r}; allowed: {', '.join(PRESETS)}", mend=f"Did you mean {meant!r}?" if meant else ""
-        )
+        raise InputError(f"there is no preset {preset!r}", mend=suggest(preset, PRESETS))
     require_name("PATH", path)
     texts = {name: file.write_preset(name) for name in PRESETS}
     target = Path(path)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
@@ -17,6 +18,7 @@ from granphon.cli.terminal import (
     NOTHING_WRITTEN,
     describe_fit,
     describe_response_fit,
+    describe_tradeoff,
     require_name,
     say,
     say_table,
@@ -85,8 +87,6 @@ def fit_measurements(
       granphon fit fcc.yaml data.csv --no-width --parameter young_modulus --direction "1 1 0"
       granphon fit chain.yaml transfer.csv --parameter damping --parameter stiffness
     """
-    from functools import partial
-
     from granphon.balls.loads import force_of_frame
     from granphon.base.quantities import FREQUENCY, LENGTH
     from granphon.base.staging import ResultFiles
@@ -240,7 +240,6 @@ def measure_tradeoff(
     from granphon.base.quantities import TIME
     from granphon.base.staging import ResultFiles
     from granphon.base.validation import require
-    from granphon.cli.terminal import describe_tradeoff
     from granphon.media.friction_history import REFERENCE_OPTIONS, REST
     from granphon.runs.store import open_store
     from granphon.runs.workers import open_executor, require_workers

@@ -8,7 +8,7 @@ from inspect import signature
 from typing import TYPE_CHECKING, Any
 
 from granphon.base.errors import InputError, brief
-from granphon.networks.network import refuse_unpressed
+from granphon.networks.network import ContactNetwork, refuse_unpressed
 from granphon.runs.dataset import find_dataset
 
 if TYPE_CHECKING:
@@ -93,8 +93,6 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
             known = next((_OF_STATES[block] for mark, block in marks.items() if mark in dataset), known)
     if known is None:
         # what the figure of a network takes for a state or a sample: its network, or several small cells of it
-        from granphon.networks.network import ContactNetwork
-
         known, network = _PICTURES["granphon.ContactNetwork"], getattr(result, "network", None)
         if isinstance(network, ContactNetwork):
             periods = sum(network.pbc)

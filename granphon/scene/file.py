@@ -499,7 +499,8 @@ class SceneSource:
         spreads = [data.get("packing", {}).get("spread"), *data.get("sweep", {}).get("spread", [])]
         own = () if self.path is None else (self.path,)
         names = [name for spread in spreads if (name := table_named(spread)) is not None]
-        return (*own, *(self.folder / name for name in (*names, *named_tables(data.get("motion", {}).get("drive", [])))))
+        names += named_tables(data["motion"].get("drive", [])) if "motion" in data else []
+        return (*own, *(self.folder / name for name in names))
 
     # -- places in the file ---------------------------------------------------------------------------------------------
 

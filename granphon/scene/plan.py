@@ -33,6 +33,7 @@ from granphon.media.choice import MEDIA, MediumChoice, ServingMedium, default_me
 from granphon.media.cost import Cost
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
+from granphon.observables.validity import expect_warnings
 from granphon.phonons.paths import MESHES, BandPath, read_paths
 from granphon.runs.tasks import Asked, Case, Grid, require_arrays
 from granphon.scene import rules
@@ -505,8 +506,6 @@ class Plan:
 
     def expect_warnings(self) -> list[tuple[str, str]]:
         """Return what is known of simulations before they are run: the label of each medium, and a warning."""
-        from granphon.observables.validity import expect_warnings  # imported here: a run finds the warnings of its states
-
         return [
             (one.case.label, warning)
             for one in self.few

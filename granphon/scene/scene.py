@@ -50,6 +50,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from granphon.array.atoms import write_extxyz
 from granphon.base.errors import GranphonError, InputError
 from granphon.base.progress import Progress, silent
 from granphon.base.results import write_html
@@ -61,7 +62,7 @@ from granphon.media.state import ContactState
 from granphon.observables.catalogue import CATALOGUE, Analysis, Observable, entry_of, find_all
 from granphon.observables.validity import Validity
 from granphon.observables.velocities import Moduli, SoundVelocities
-from granphon.runs.dataset import SweepRun, load_sweep, write_sweep, write_waves
+from granphon.runs.dataset import SweepRun, list_finite_overlap, load_sweep, write_sweep, write_waves
 from granphon.runs.store import TaskResult, open_store
 from granphon.runs.sweep import keep_incomplete
 from granphon.runs.tasks import SampleRecord
@@ -69,7 +70,7 @@ from granphon.runs.workers import packages
 from granphon.scene.file import SceneSource
 from granphon.scene.plan import Plan
 from granphon.scene.rules import DIAMETERS_FILE
-from granphon.waves.settings import NETWORK_BLOCKS, POLARISATIONS
+from granphon.waves.settings import NETWORK_BLOCKS, POLARISATIONS, RESPONSES
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -375,8 +376,6 @@ class RunResult:
     @property
     def finite_overlap(self) -> bool | list[bool]:
         """Whether the numbers have the terms of relative order delta/d; a list in the order of the media if they differ."""
-        from granphon.runs.dataset import list_finite_overlap
-
         if self.scene.is_single:
             return bool(self.state.finite_overlap)
         found = list_finite_overlap(self.dataset)
@@ -419,7 +418,6 @@ class RunResult:
 
     def _list_peaks(self) -> dict[str, list[dict[str, float]]]:
         from granphon.waves.response import find_peaks
-        from granphon.waves.settings import RESPONSES
 
         data = self.dataset
         name, count = next(one for one in RESPONSES.values() if one in data), data.sizes["receiver"]
@@ -560,8 +558,6 @@ def write_numbers(result: Any, place: Path, advance: Callable[[int], None]) -> N
             case "dos.csv":
                 result.dos.write_csv(path)
             case "sample.extxyz":
-                from granphon.array.atoms import write_extxyz
-
                 write_extxyz(path, result.state.samples[0].atoms())
             case "sample_balls.csv":  # and sample_contacts.csv
                 result.state.samples[0].network.write_tables(path, place / "sample_contacts.csv")
