@@ -28,6 +28,8 @@ ALIASES = {
     "ArrayLike": "ArrayLike",
     "NDArray": "Array",
     "Index": "Array[int]",
+    "Flags": "Array[bool]",
+    "Complex": "Array[complex]",
     "Values": "Any",
     "Law": "granphon.media.state.ContactLaw",
     "SampleLaw": "granphon.media.state.ContactLaw",
@@ -43,7 +45,7 @@ _ELEMENTS = {"int64": "[int]", "bool": "[bool]", "complex128": "[complex]"}
 #: public by name, and no part of the interface: what classes of the package ask of each other
 INNER = frozenset({
     "options", "history",
-    "check_diameter", "check_state", "cached", "loaded_lattice", "reference_lattice", "has_one_lattice", "velocity_scale",
+    "check_diameter", "check_state", "cached", "reference_lattice", "has_one_lattice", "velocity_scale",
     "unit_length", "overlap_of_equal_balls", "branch_scales", "prescribed",
     "require", "discard_results_on_any_change", "implemented_properties", "set", "units_of", "flat", "describe",
     "width_units", "response", "tally", "plan", "survey", "serving", "is_exact", "operator", "parameters_of_branches",

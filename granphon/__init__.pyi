@@ -53,7 +53,6 @@ from .media.choice import AutoMedium as AutoMedium
 from .media.choice import MediumChoice as MediumChoice
 from .media.choice import ServingMedium as ServingMedium
 from .media.choice import register_medium as register_medium
-from .media.cluster import ClusterMedium as ClusterMedium
 from .media.cost import Cost as Cost
 from .media.crystal import Crystal as Crystal
 from .media.crystal import CrystalState as CrystalState
@@ -61,6 +60,7 @@ from .media.friction_history import FrictionHistory as FrictionHistory
 from .media.limits import Check as Check
 from .media.mean_field import AveragedForce as AveragedForce
 from .media.mean_field import AveragedLattice as AveragedLattice
+from .media.mean_field import ClusterMedium as ClusterMedium
 from .media.mean_field import EffectiveMedium as EffectiveMedium
 from .media.mean_field import LawMedium as LawMedium
 from .media.medium import Medium as Medium
@@ -86,10 +86,10 @@ from .observables.velocities import pulse_velocities as pulse_velocities
 from .observables.velocities import sound_velocities as sound_velocities
 from .phonons.ball_contacts import BallContacts as BallContacts
 from .phonons.bands import Bands as Bands
+from .phonons.bands import ComplexBands as ComplexBands
 from .phonons.bands import PhononModes as PhononModes
 from .phonons.calculator import HertzMindlin as HertzMindlin
 from .phonons.calculator import atoms as atoms
-from .phonons.complex_bands import ComplexBands as ComplexBands
 from .phonons.dos import DensityOfStates as DensityOfStates
 from .phonons.paths import BandPath as BandPath
 from .phonons.phonons import Phonons as Phonons

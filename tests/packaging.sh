@@ -27,7 +27,7 @@ mkdir "$scratch/empty"
 cd "$scratch/empty"
 wheel=$(echo "$scratch/dist"/*.whl)
 # first what a user has, then what the tests need
-python -m pip install --quiet "${lowest[@]}" "$wheel"
+python -m pip install --quiet "${lowest[@]}" "$wheel[scenes]"
 granphon init
 granphon check scene.yaml
 granphon run scene.yaml -o out

@@ -16,10 +16,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.balls.contact_laws import STIFFNESS
 from granphon.balls.distributions import PointShape, Shape
 from granphon.base.errors import PrecisionError
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.laws.spread import STIFFNESS, high_pressure_series
+from granphon.laws.spread import high_pressure_series
 
 Array = NDArray[np.float64]
 #: balls over which (36) sums: weights, F^Q, K^Q, and the derivative of K^Q by y or by a variable of y; each (n_Q,)

@@ -320,7 +320,7 @@ def test_the_picture_of_the_readme_is_what_its_command_draws(tmp_path):
 def test_the_readme_starts_with_the_commands_that_install_run_and_test():
     (_, _, install), (_, _, test) = blocks(ROOT / "README.md", "sh")[:2]
     scene_file = "examples/steel_hexagon.yaml"
-    assert install.strip().split(" && ") == ["python -m pip install .", f"granphon run {scene_file} -o out"]
+    assert install.strip().split(" && ") == ['python -m pip install ".[scenes]"', f"granphon run {scene_file} -o out"]
     assert test.strip().split(" && ") == ['python -m pip install ".[test]"', "python -m pytest -q"]
     assert (ROOT / scene_file).is_file()
 

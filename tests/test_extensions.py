@@ -106,7 +106,35 @@ def test_a_lattice_and_a_medium_are_known_to_sweeps():
     assert triangular is LATTICES["triangular"]
     with pytest.raises(InputError, match="the medium 'ema' exists already, of granphon"):
         gp.register_medium(type("Other", (gp.AveragedLattice,), {"name": "ema"}))
-    gp.register_medium(type("Again", (Equal,), {"name": "equal"}))  # the program replaces its own
+    with pytest.raises(InputError, match=r"the medium 'equal' exists already, of the program\. Give another name"):
+        gp.register_medium(type("Again", (Equal,), {"name": "equal"}))
+
+
+def test_only_the_same_is_registered_twice():
+    def reader(path):
+        return path
+
+    def second(path):
+        return path
+
+    reader.__qualname__ = second.__qualname__ = "reader"  # as of a cell of a notebook that runs twice
+    gp.register_reader("mine", reader)
+    gp.register_reader("mine", reader)
+    gp.register_reader("mine", second)
+    for lattice in (gp.Lattice("mine", ((1, 0), (0, 1)), ((0, 0),)) for _ in range(2)):
+        gp.register_lattice(lattice)
+    table = gp.TabulatedLaw([0.0, 1e-6, 2e-6, 3e-6], [0.0, 1.0, 3.0, 7.0])
+    gp.register_law("mine", table)
+    gp.register_law("mine", table)
+    gp.register_observable("mine", "1", "one", first := lambda of: 1.0)
+    gp.register_observable("mine", "1", "one", first)
+    for register in (
+        lambda: gp.register_reader("mine", lambda path: path),
+        lambda: gp.register_law("mine", gp.TabulatedLaw([0.0, 1e-6, 2e-6, 3e-6], [0.0, 1.0, 3.0, 8.0])),
+        lambda: gp.register_observable("mine", "1", "one", lambda of: 2.0),
+    ):
+        with pytest.raises(InputError, match=r"'mine' exists already, of the program\. Give another name"):
+            register()
 
 
 def test_a_reader_that_fails_is_named():

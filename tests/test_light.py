@@ -2,33 +2,45 @@
 
 from __future__ import annotations
 
+import json
+import re
 import subprocess
 import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from granphon.base.errors import EXTRAS
+from tests.conftest import only
+
+#: the packages beyond numpy and scipy, each of which may be absent
+KNOWN = ["ase", "phonopy", "spglib", *EXTRAS["scenes"], "distributed", "cryptography"]
+PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 #: what hides packages in a process of its own, as if they were not installed
 HIDE = """
 import sys
 
 class Hidden:
-    def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in HIDDEN:
-            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+    def __init__(self, finder):
+        self.finder = finder
 
-sys.meta_path.insert(0, Hidden())
-import tempfile
+    def __getattr__(self, name):
+        return getattr(self.finder, name)
+
+    def find_spec(self, name, path=None, target=None):
+        return None if name.partition(".")[0] in HIDDEN else self.finder.find_spec(name, path, target)
+
+sys.meta_path[:] = map(Hidden, sys.meta_path)
+"""
+#: what is computed with
+GIVEN = """
+import os, tempfile
 import numpy as np
 import granphon as gp
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2e-6))
-
-def told(call):
-    try:
-        call()
-    except gp.GranphonError as error:
-        assert isinstance(error, ImportError) or type(error).__name__ == "FigureError", type(error)
-        print(error)
-    else:
-        print("no error")
 """
 #: what the core is, each line with numbers to compare
 CORE = """
@@ -51,19 +63,66 @@ print(waves.modes(4).frequencies, waves.response([900.0], (0, "x"), (9, "x"), lo
 motion = gp.NonlinearWaves(chain).run(1e-4, velocities=1e-3 * np.eye(30)[3][:, None], frames=3)
 print(motion.displacements[-1, :, 0].tolist())
 """
-#: what needs other packages
-REST = """
-told(lambda: gp.sweep(packing, force=[1.0, 2.0], media=("ala",)))
-told(lambda: gp.plot(crystal))
-told(lambda: simulated.sample.atoms())
-told(lambda: gp.Phonons(simulated))
-folder = tempfile.mkdtemp()
-open(folder + "/scene.yaml", "w").write("schema: 1\\n")
-told(lambda: gp.Scene.from_yaml(folder + "/scene.yaml"))
-chain.write_tables(folder + "/balls.csv", folder + "/contacts.csv")
-print(gp.ContactNetwork.from_table(folder + "/balls.csv", folder + "/contacts.csv").n_balls)
+#: what needs other packages than numpy and scipy, by name: what does it, and the packages
+FEATURES = {
+    "velocities": ("gp.sound_velocities(state), gp.moduli(state), gp.validity(state)", ()),
+    "tables": ("network.write_tables('b.csv', 'c.csv'), gp.ContactNetwork.from_table('b.csv', 'c.csv')", ()),
+    "motion file": ("motion.write('m.nc'), gp.Motion.read('m.nc')", ()),
+    "fit": ("gp.fit_width(packing, [2.0, 5.0, 10.0], [485.0, 590.0, 690.0])", ()),
+    "atoms": ("gp.atoms(state).get_potential_energy()", ("ase",)),
+    "sample of atoms": ("sample.atoms()", ("ase",)),
+    "structure": ("gp.write_extxyz('a.xyz', gp.atoms(state))", ("ase",)),
+    "bands": ("gp.Phonons(state).bands().write('b.yaml')", ("ase",)),
+    "density of states": ("gp.Phonons(state).dos((4, 4))", ("ase", "spglib")),
+    "phonopy": ("gp.Phonons(state).save('p.yaml')", ("ase", "phonopy", "spglib", "yaml", "h5py")),
+    "phonopy read": ("gp.load_phonopy", ("phonopy", "spglib", "yaml", "h5py")),
+    "figure": ("gp.plot(crystal)", ("matplotlib",)),
+    "sweep": ("gp.sweep(packing, force=[1.0, 2.0], media=('ala',))", ("xarray",)),
+    "sweep file": (
+        "gp.sweep(packing, force=[1.0, 2.0], media=('ala',), path='s.nc'), gp.load_sweep('s.nc')",
+        ("xarray", "h5netcdf", "h5py"),
+    ),
+    "scene": ("gp.Scene.from_text(scene)", ("yaml",)),
+    "run": ("gp.Scene.from_text(scene).run('out', figures=False)", ("yaml", "xarray", "h5netcdf", "h5py")),
+    "command": ("command('check', 'scene.yaml')", ("typer", "yaml")),
+    "workers elsewhere": ("require_workers(None, 'local:1')", ("distributed", "cryptography")),
+}  # fmt: skip
+SCENE = """
+schema: 1
+material: {young_modulus: 70 GPa, poisson_ratio: 0.22, density: 2500 kg/m^3}
+packing: {diameter: 1 mm}
+load: {force: 1 N}
+"""
+#: tries each feature with some packages hidden, and prints what was said
+TRY = """
+import contextlib, io, json
+from granphon.runs.workers import require_workers
 from granphon.__main__ import main
-print(main())
+network = gp.Crystal.on("chain", [gp.Ball(steel, 8e-3)]).repeat((4,)).at_force(5.0).network
+motion = gp.NonlinearWaves(network).run(1e-5, velocities=1e-3 * np.eye(4)[0][:, None], frames=2)
+state = gp.AveragedLattice(gp.Packing(steel, 8e-3)).at_force(18.446)
+sample = gp.DirectSimulation(packing, (4, 4), seed=0).at_force(20.0).sample
+crystal = gp.Crystal.on("chain", [gp.Ball(steel, 8e-3)]).at_force(5.0)
+
+def command(*words):
+    sys.argv = ["granphon", *words]
+    with contextlib.redirect_stderr(io.StringIO()) as said, contextlib.redirect_stdout(io.StringIO()):
+        code = main()
+    if code:
+        raise gp.GranphonError(f"{code} {said.getvalue()}")
+
+os.chdir(tempfile.mkdtemp())
+with open("scene.yaml", "w") as stream:
+    stream.write(scene)
+told = {}
+for name, code in features.items():
+    try:
+        eval(code)
+    except gp.GranphonError as error:
+        told[name] = f"{type(error).__name__}: {error}"
+    except BaseException as error:
+        told[name] = f"not ours: {error!r}"
+print(json.dumps(told))
 """
 
 
@@ -71,37 +130,40 @@ def run(hidden, *parts):
     code = f"HIDDEN = {hidden!r}" + "".join((HIDE, *parts))
     found = subprocess.run([sys.executable, "-c", code], text=True, capture_output=True, check=False)
     assert found.returncode == 0, found.stderr
-    return found.stdout, found.stderr
+    return found.stdout
 
 
-def test_the_core_needs_numpy_and_scipy_alone_and_the_rest_says_what_it_needs():
-    optional = {"ase", "phonopy", "matplotlib", "typer", "rich", "yaml", "xarray", "pandas", "h5netcdf",
-                "h5py", "threadpoolctl", "dask", "distributed"}  # fmt: skip
-    whole, _ = run(set(), CORE)
-    found, err = run(optional, CORE, REST)
-    lines = found.splitlines()
-    assert lines[: len(whole.splitlines())] == whole.splitlines()
-    sweep, figure, atoms, phonons, scene, table, code = lines[len(whole.splitlines()) :]
-    assert sweep == "xarray is not installed. A data set needs it. Install it: pip install xarray."
-    assert figure.startswith("matplotlib cannot be imported")
-    assert figure.endswith("Install it: pip install matplotlib.")
-    assert atoms == "ase is not installed. A sample of Atoms needs it. Install it: pip install ase."
-    assert phonons == "ase is not installed. granphon.Phonons needs it. Install it: pip install ase."
-    assert scene == "yaml is not installed. A YAML file needs it. Install it: pip install PyYAML."
-    assert table == "30"
-    assert code == "2"
-    assert err.strip() == (
-        "granphon: error: typer is not installed. The command granphon needs it. Install it: pip install typer."
-    )
+def imported(requirement):
+    name = re.split(r"[><=\[]", requirement)[0]
+    return {"PyYAML": "yaml"}.get(name, name)
 
 
-def test_sweeps_and_tables_need_neither_ase_nor_phonopy():
-    code = """
-print(gp.sweep(packing, force=[1.0, 2.0], media=("ala", "ema"), direction=(1, 0))["longitudinal"].values.shape)
-told(lambda: gp.atoms(gp.AveragedLattice(packing).at_force(1.0)))
-told(lambda: gp.Phonons)
-"""
-    shape, atoms, phonons = run({"ase", "phonopy", "matplotlib", "typer", "rich"}, code)[0].splitlines()
-    assert shape == "(2, 2)"
-    assert atoms == "ase is not installed. granphon.atoms needs it. Install it: pip install ase."
-    assert "ase is not installed. granphon.Phonons needs it." in phonons
+def test_the_core_gives_the_same_numbers_on_numpy_and_scipy_alone():
+    others = {"ase", "phonopy", "spglib", "pandas", *EXTRAS["scenes"], *EXTRAS["distributed"]}
+    assert run(others, GIVEN, CORE) == run(set(), GIVEN, CORE)
+
+
+def test_errors_name_the_extras_that_bring_the_packages():
+    extras = PROJECT["optional-dependencies"]
+    assert [imported(one) for one in extras["scenes"]] == list(EXTRAS["scenes"])
+    assert {imported(one) for one in extras["distributed"]} <= {*EXTRAS["distributed"], "granphon"}
+    assert "granphon[scenes]" in extras["test"]
+
+
+@pytest.mark.parametrize(
+    "hidden", only([KNOWN, list(EXTRAS["scenes"])], [KNOWN, list(EXTRAS["scenes"]), *([one] for one in KNOWN)])
+)
+def test_what_needs_an_absent_package_says_which_and_how_to_install_it(hidden):
+    features = {name: code for name, (code, _) in FEATURES.items()}
+    # dask imports yaml, and xarray imports dask if it is there: without yaml there is none
+    absent = {*hidden, "dask", "distributed"} if "yaml" in hidden else {*hidden}
+    for one in KNOWN:  # so that each runs where it may
+        pytest.importorskip(one)
+    told = json.loads(run(absent, GIVEN, f"\nfeatures, scene = {features!r}, {SCENE!r}\n", TRY))
+    assert set(told) == {name for name, (_, needs) in FEATURES.items() if set(needs) & absent}
+    for name, text in told.items():
+        (package,) = (one for one in absent if f"needs {one}, which is not installed. " in text)
+        install = next((f'"granphon[{extra}]"' for extra, brings in EXTRAS.items() if package in brings), package)
+        assert text.strip().endswith(f" Install it: pip install {install}.")
+        assert text.startswith("GranphonError: 2 granphon: error: " if name == "command" else "MissingPackageError: ")
+        assert text.strip().count("\n") == 0

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import granphon as gp
+from granphon.balls.contact_laws import FORCE
 from granphon.balls.lattices import SQUARE, TRIANGULAR
 from granphon.base.errors import PrecisionError
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.local_field import local_field
 from granphon.laws.effective import effective_curve
-from granphon.laws.spread import FORCE
 from tests.laws.test_effective import FLAT, LOTS, NORMAL, UNIFORM, XI, evaluated
 from tests.references import count_modes, integrate_curve, integrate_local_field
 

@@ -17,10 +17,10 @@ import numpy as np
 import pytest
 
 import granphon as gp
+from granphon.balls.contact_laws import STIFFNESS
 from granphon.balls.distributions import MOST_POINTS, NormalShape, UniformShape
 from granphon.dynamics.local_field import local_field
 from granphon.laws.effective import effective_curve
-from granphon.laws.spread import STIFFNESS
 from granphon.media.mean_field import LawMedium
 from tests.conftest import only
 from tests.laws.test_effective import kinds

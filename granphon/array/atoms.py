@@ -154,10 +154,9 @@ def find_kind(balls: Atoms, units: Units, finite_overlap: bool, coordinates: int
         ball = int(np.argmin(same))
         d, k, mass = (f"{value:.9g}" for value in np.exp(given[ball]))
         raise InputError(
-            f"ball {ball} of the Atoms is in units of d = {d} m, k = {k} N/m, M = {mass} kg; the state has"
-            f" {units.length:.9g} m, {units.stiffness:.9g} N/m, {units.mass:.9g} kg",
-            "It is in the reduced units of another state, or was added without any",
-            "Use the state it was made from, and add balls from gp.atoms(state)",
+            f"ball {ball} of the Atoms is in the units {d} m, {k} N/m and {mass} kg, and the state in"
+            f" {units.length:.9g} m, {units.stiffness:.9g} N/m and {units.mass:.9g} kg",
+            mend="Use the state it was made from, and add balls from gp.atoms(state)",
         )
     kinds = set(balls.arrays[_KIND].tolist())
     if len(kinds) > 1:
@@ -205,10 +204,10 @@ def write_extxyz(path: str | Path, atoms: Atoms) -> None:
 
     ASE's own writer keeps eight decimals. For balls of 8 mm that is 0.1 nm in positions, displacements and diameters, and
     forces depend on differences of these. Masses stand there twice, as ``masses`` for ASE and as ``mass`` for OVITO. Results
-    of the calculator are not written. The folder is made if need be; a file that is there is replaced.
+    of the calculator are not written. The folder is made if need be; a file of granphon is replaced.
 
     Raises :class:`InputError` if ``atoms`` is not an Atoms or ``path`` is not a path, and
-    :class:`~granphon.base.errors.OutputError` where it cannot be written.
+    :class:`~granphon.base.errors.OutputError` where it cannot be written, or another file is there.
     """
     with needing("A structure file"):
         from ase import Atoms

@@ -345,7 +345,7 @@ class _Path:
         raise ConvergenceError(
             f"the sample has not come to rest in its true geometry after {_NEWTON_STEPS} steps",
             f"At an overlap of {trial.overlap:.6g} widths a force of {trial.left:.2g} of the mean contact force is left",
-            "Raise the load, take fewer balls, or the directions of the lattice (geometry: lattice)",
+            "Raise the load, take fewer balls, or take geometry: lattice",
         )
 
     def _search(self, trial: _Trial) -> _Trial:

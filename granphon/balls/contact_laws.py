@@ -13,6 +13,7 @@ adhesion w of the two surfaces, J/m^2.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -22,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.ball import Body, ContactConstants
-from granphon.balls.hertz import HertzLaw
+from granphon.balls.hertz import HertzLaw, require_pushing
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import ADHESION, LOADS, Quantity
 from granphon.base.registry import Registry
@@ -35,6 +36,8 @@ _PROBES = np.array([1e-6, 1e-5, 1e-4, 1e-3])
 _STEP, _ALLOWED = 1e-4, 1e-5
 #: the five methods of the law of a pair
 _METHODS = ("force", "stiffness", "stiffness_slope", "energy", "overlap")
+#: orders of the derivatives of the energy with respect to the overlap: energy, force, stiffness, slope of the stiffness
+ENERGY, FORCE, STIFFNESS, SLOPE = range(4)
 #: nodes of the quadrature of a tabulated force between two points of the table
 _NODES = 24
 #: most steps of Newton's method, where a law is inverted
@@ -73,11 +76,36 @@ class PairLaw(Protocol):
         ...
 
 
-def _require_pushing(load: Array, least: float = 0.0) -> None:
-    if not np.all(load >= least):
-        what = "the force of a contact is negative" if least == 0.0 else f"a contact is pulled by more than {-least:.6g} N"
-        why = "One-sided contacts carry no tension" if least == 0.0 else "That is what its adhesion bears"
-        raise InputError(what, why, f"Give f >= {least:.6g}")
+class EnergyLaw(ABC):
+    """A contact law that is known by its energy and the derivatives of it with respect to the overlap.
+
+    Methods take scalars or arrays of any shape, and return floats for floats.
+    """
+
+    @property
+    def least_overlap(self) -> float:
+        """Overlap up to which the bodies are apart, m."""
+        return 0.0
+
+    @abstractmethod
+    def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
+        """Return the energy, or its derivative of an ``order`` of 1 to 3; zero where the bodies are apart."""
+
+    def energy(self, overlap: ArrayLike) -> Any:
+        """Return the energy of a contact at an ``overlap``, m, in J; its derivative is the force."""
+        return self._evaluate(overlap, ENERGY)
+
+    def force(self, overlap: ArrayLike) -> Any:
+        """Return the force f at an ``overlap``, m, in N."""
+        return self._evaluate(overlap, FORCE)
+
+    def stiffness(self, overlap: ArrayLike) -> Any:
+        """Return the stiffness k = df/d(delta) at an ``overlap``, m, in N/m."""
+        return self._evaluate(overlap, STIFFNESS)
+
+    def stiffness_slope(self, overlap: ArrayLike) -> Any:
+        """Return the slope of the stiffness, dk/d(delta), at an ``overlap``, m, in N/m^2."""
+        return self._evaluate(overlap, SLOPE)
 
 
 @dataclass(frozen=True)
@@ -94,7 +122,7 @@ class Hertz:
 
 
 @dataclass(frozen=True)
-class PowerLaw:
+class PowerLaw(EnergyLaw):
     """The law f = c delta^a of all contacts, whatever the balls: a = 1 a spring that only pushes, 2 a cone.
 
     Parameters
@@ -102,7 +130,8 @@ class PowerLaw:
     exponent : a, 1 or above.
     coefficient : c, N/m^a.
 
-    Its methods take scalars or arrays, and return floats for floats.
+    Its methods take scalars or arrays, and return floats for floats. The energy is c delta^(a+1)/(a+1), the
+    stiffness a c delta^(a-1), and its slope a (a-1) c delta^(a-2).
 
     Raises
     ------
@@ -119,43 +148,21 @@ class PowerLaw:
             why = "Below 1 a contact is infinitely stiff where balls begin to touch"
             raise InputError(f"exponent is {self.exponent:g}", why, "Give 1 or more")
 
-    @property
-    def least_overlap(self) -> float:
-        """Overlap up to which balls are apart, m: zero."""
-        return 0.0
-
     def between(self, ball: Body, other: Body) -> PowerLaw:
         """Return the law itself: it is the same for all pairs."""
         return self
 
-    def _power(self, overlap: ArrayLike, order: int) -> Any:
-        """Return the derivative of the force of an ``order``; -1 is the energy. It is zero where the balls are apart."""
+    def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
         delta, a = np.asarray(real_array("overlap", overlap)), self.exponent
-        factor = {-1: 1.0 / (a + 1.0), 0: 1.0, 1: a, 2: a * (a - 1.0)}[order] * self.coefficient
+        factor = (1.0 / (a + 1.0), 1.0, a, a * (a - 1.0))[order] * self.coefficient
         out = np.zeros(delta.shape)
-        np.power(delta, a - order, out=out, where=delta > 0.0)
+        np.power(delta, a + 1.0 - order, out=out, where=delta > 0.0)
         return (factor * out)[()]
-
-    def energy(self, overlap: ArrayLike) -> Any:
-        """Energy c delta^(a+1)/(a+1), J; ``overlap`` delta in m."""
-        return self._power(overlap, -1)
-
-    def force(self, overlap: ArrayLike) -> Any:
-        """Force c delta^a, N; ``overlap`` delta in m."""
-        return self._power(overlap, 0)
-
-    def stiffness(self, overlap: ArrayLike) -> Any:
-        """Stiffness a c delta^(a-1), N/m; ``overlap`` delta in m."""
-        return self._power(overlap, 1)
-
-    def stiffness_slope(self, overlap: ArrayLike) -> Any:
-        """Slope of the stiffness, a (a-1) c delta^(a-2), N/m^2; ``overlap`` delta in m."""
-        return self._power(overlap, 2)
 
     def overlap(self, force: ArrayLike) -> Any:
         """Overlap (f/c)^(1/a), m, under a ``force`` f, N; :class:`InputError` if it is negative."""
         load = np.asarray(real_array("force", force))
-        _require_pushing(load)
+        require_pushing(load)
         return ((load / self.coefficient) ** (1.0 / self.exponent))[()]
 
 
@@ -192,43 +199,27 @@ class DMT(_Adhesive):
 
 
 @dataclass(frozen=True)
-class DMTLaw:
+class DMTLaw(EnergyLaw):
     """The law of a pair that :class:`~granphon.DMT` returns: Hertz's law less a ``tension``, N, where the balls touch.
 
-    All methods take scalars or arrays, and return floats for floats.
+    The energy is that over balls that only touch, at which the contact breaks.
     """
 
     hertz: HertzLaw
     tension: float
 
-    @property
-    def least_overlap(self) -> float:
-        """Overlap at which the contact breaks, m: zero."""
-        return 0.0
-
-    def _pull(self, overlap: ArrayLike) -> Array:
-        return np.where(np.asarray(real_array("overlap", overlap)) >= 0.0, self.tension, 0.0)
-
-    def energy(self, overlap: ArrayLike) -> Any:
-        """Energy over that of the balls that only touch, J; ``overlap`` in m."""
-        return (self.hertz.energy(overlap) - self._pull(overlap) * np.asarray(overlap))[()]
-
-    def force(self, overlap: ArrayLike) -> Any:
-        """Force, N; ``overlap`` in m. It is zero where the contact is broken."""
-        return (self.hertz.force(overlap) - self._pull(overlap))[()]
-
-    def stiffness(self, overlap: ArrayLike) -> Any:
-        """Stiffness, N/m; ``overlap`` in m."""
-        return self.hertz.stiffness(overlap)
-
-    def stiffness_slope(self, overlap: ArrayLike) -> Any:
-        """Slope of the stiffness, N/m^2; ``overlap`` in m."""
-        return self.hertz.stiffness_slope(overlap)
+    def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
+        hertz = self.hertz
+        found = (hertz.energy, hertz.force, hertz.stiffness, hertz.stiffness_slope)[order](overlap)
+        if order > FORCE:
+            return found
+        pull = np.where(np.asarray(real_array("overlap", overlap)) >= 0.0, self.tension, 0.0)
+        return (found - (pull if order == FORCE else pull * np.asarray(overlap)))[()]
 
     def overlap(self, force: ArrayLike) -> Any:
         """Overlap, m, at a ``force``, N; :class:`InputError` for a tension that the contact does not bear."""
         load = np.asarray(real_array("force", force))
-        _require_pushing(load, -self.tension)
+        require_pushing(load, -self.tension)
         return self.hertz.overlap(load + self.tension)
 
 
@@ -260,12 +251,12 @@ class JKR(_Adhesive):
 
 
 @dataclass(frozen=True)
-class JKRLaw:
+class JKRLaw(EnergyLaw):
     """The law of a pair that :class:`~granphon.JKR` returns.
 
     With the contact radius a = (2 pi w R^2/E*)^(1/3) u^2, force and overlap are ``force_scale`` times (4/3) u^6 - 2 u^3, N,
-    and ``length`` times u^4 - u, m; u^3 is 3/4 where the contact breaks, and 3/2 where it bears no load. All methods take
-    scalars or arrays, and return floats for floats.
+    and ``length`` times u^4 - u, m; u^3 is 3/4 where the contact breaks, and 3/2 where it bears no load. The energy is that
+    over balls far apart.
     """
 
     force_scale: float
@@ -276,8 +267,7 @@ class JKRLaw:
         """Overlap at which the contact breaks, m."""
         return _JKR_LEAST * self.length
 
-    def _find_root(self, overlap: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
-        """Return u of each overlap, and whether the contact is whole."""
+    def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
         reduced = np.asarray(real_array("overlap", overlap)) / self.length
         whole = reduced >= _JKR_LEAST * (1.0 + 4e-16)
         target = np.maximum(reduced, _JKR_LEAST)
@@ -289,43 +279,29 @@ class JKRLaw:
             u = u - step
             if np.all(np.abs(step) <= 2e-16 * u):
                 break
-        return np.maximum(u, _JKR_ROOT), whole
-
-    def energy(self, overlap: ArrayLike) -> Any:
-        """Energy over that of the balls far apart, J; ``overlap`` in m."""
-        u, whole = self._find_root(overlap)
-        reduced = u**4 * (8.0 / 15.0 * u**6 - 4.0 / 3.0 * u**3 + 0.5)
-        return np.where(whole, self.force_scale * self.length * reduced, 0.0)[()]
-
-    def force(self, overlap: ArrayLike) -> Any:
-        """Force, N; ``overlap`` in m. It is zero where the contact is broken."""
-        u, whole = self._find_root(overlap)
-        return np.where(whole, self.force_scale * 2.0 * u**3 * (2.0 / 3.0 * u**3 - 1.0), 0.0)[()]
-
-    def stiffness(self, overlap: ArrayLike) -> Any:
-        """Stiffness, N/m; ``overlap`` in m."""
-        u, whole = self._find_root(overlap)
-        slope = 2.0 * u**2 * (4.0 * u**3 - 3.0) / (4.0 * u**3 - 1.0)
-        return np.where(whole, self.force_scale / self.length * slope, 0.0)[()]
-
-    def stiffness_slope(self, overlap: ArrayLike) -> Any:
-        """Slope of the stiffness, N/m^2; ``overlap`` in m."""
-        u, whole = self._find_root(overlap)
+        u = np.maximum(u, _JKR_ROOT)
         rise = 4.0 * u**3 - 1.0
-        slope = 4.0 * u * (4.0 * u**3 - 3.0) / rise + 48.0 * u**4 / rise**2
-        return np.where(whole, self.force_scale / self.length**2 * slope / rise, 0.0)[()]
+        if order == ENERGY:
+            found = u**4 * (8.0 / 15.0 * u**6 - 4.0 / 3.0 * u**3 + 0.5)
+        elif order == FORCE:
+            found = 2.0 * u**3 * (2.0 / 3.0 * u**3 - 1.0)
+        elif order == STIFFNESS:
+            found = 2.0 * u**2 * (4.0 * u**3 - 3.0) / rise
+        else:
+            found = (4.0 * u * (4.0 * u**3 - 3.0) / rise + 48.0 * u**4 / rise**2) / rise
+        return np.where(whole, self.force_scale * self.length ** (1 - order) * found, 0.0)[()]
 
     def overlap(self, force: ArrayLike) -> Any:
         """Overlap, m, at a ``force``, N; :class:`InputError` for a tension that the contact does not bear."""
         load = np.asarray(real_array("force", force)) / self.force_scale
-        _require_pushing(load * self.force_scale, -0.75 * self.force_scale)
+        require_pushing(load * self.force_scale, -0.75 * self.force_scale)
         cube = 0.75 * (1.0 + np.sqrt(np.maximum(1.0 + 4.0 / 3.0 * load, 0.0)))
         u = np.cbrt(cube)
         return (self.length * u * (cube - 1.0))[()]
 
 
 @dataclass(frozen=True)
-class TabulatedLaw:
+class TabulatedLaw(EnergyLaw):
     """A law that is given by a table of overlaps and forces, for all pairs.
 
     The logarithm of the force is a monotone cubic function of the logarithm of the overlap (scipy's ``PchipInterpolator``).
@@ -336,7 +312,8 @@ class TabulatedLaw:
     overlap : (n,) overlaps, m, ascending, two or more of them above zero.
     force : (n,) forces, N, ascending. A first point (0, 0) may be there, and changes nothing.
 
-    Its methods take scalars or arrays, and return floats for floats.
+    Its methods take scalars or arrays, and return floats for floats. The slope of the stiffness jumps at the points of the
+    table.
 
     Raises
     ------
@@ -360,15 +337,9 @@ class TabulatedLaw:
             what = f"the table of a contact law has the overlap {delta[row]:g} m and the force {f[row]:g} N in its row {row}"
             raise InputError(what, "Both must be above zero, and above those of the row before", "Sort the table")
         if delta.size < 2:
-            what = f"the table of a contact law has {delta.size} rows with a force"
-            raise InputError(what, mend="Give two or more")
+            raise InputError(f"the table of a contact law has {delta.size} rows with a force", mend="Give two or more")
         object.__setattr__(self, "overlaps", tuple(delta.tolist()))
         object.__setattr__(self, "forces", tuple(f.tolist()))
-
-    @property
-    def least_overlap(self) -> float:
-        """Overlap up to which balls are apart, m: zero."""
-        return 0.0
 
     @property
     def most_overlap(self) -> float:
@@ -412,45 +383,27 @@ class TabulatedLaw:
         x = low[..., None] + half[..., None] * (1.0 + nodes)
         return half * (np.exp(self._logarithm(x) + x) @ weights)
 
-    def _at(self, overlap: ArrayLike) -> tuple[NDArray[np.bool_], Array]:
-        """Return whether balls touch, and log delta (of the first point where they do not)."""
-        delta = np.asarray(real_array("overlap", overlap))
+    def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
+        delta, places = np.asarray(real_array("overlap", overlap)), self._knots[0]
         touch = delta > 0.0
-        return touch, np.log(np.where(touch, delta, self.overlaps[0]))
-
-    def energy(self, overlap: ArrayLike) -> Any:
-        """Energy, J; ``overlap`` in m."""
-        touch, x = self._at(overlap)
-        places = self._knots[0]
-        place = np.clip(np.searchsorted(places, x, side="right") - 1, 0, len(places) - 1)
-        slope = self._logarithm(x, 1)
-        ends = np.exp(self._logarithm(x) + x) / (1.0 + slope)  # of a power law from zero on
-        last = self._energies[-1] - self.forces[-1] * self.overlaps[-1] / (1.0 + float(self._logarithm(places[-1:], 1)[0]))
-        inside = self._energies[place] + self._integrate(places[place], np.clip(x, places[0], places[-1]))
-        found = np.where(x < places[0], ends, np.where(x > places[-1], last + ends, inside))
+        x = np.log(np.where(touch, delta, self.overlaps[0]))
+        if order == ENERGY:
+            place = np.clip(np.searchsorted(places, x, side="right") - 1, 0, len(places) - 1)
+            ends = np.exp(self._logarithm(x) + x) / (1.0 + self._logarithm(x, 1))  # of a power law from zero on
+            last = self.forces[-1] * self.overlaps[-1] / (1.0 + float(self._logarithm(places[-1:], 1)[0]))
+            inside = self._energies[place] + self._integrate(places[place], np.clip(x, places[0], places[-1]))
+            found = np.where(x > places[-1], self._energies[-1] - last + ends, inside)
+            found = np.where(x < places[0], ends, found)
+        else:
+            slope = self._logarithm(x, 1) if order > FORCE else 1.0
+            found = np.exp(self._logarithm(x) - (order - 1) * x)
+            found = found * (slope if order < SLOPE else slope * (slope - 1.0) + self._logarithm(x, 2))
         return np.where(touch, found, 0.0)[()]
-
-    def force(self, overlap: ArrayLike) -> Any:
-        """Force, N; ``overlap`` in m."""
-        touch, x = self._at(overlap)
-        return np.where(touch, np.exp(self._logarithm(x)), 0.0)[()]
-
-    def stiffness(self, overlap: ArrayLike) -> Any:
-        """Stiffness, N/m; ``overlap`` in m."""
-        touch, x = self._at(overlap)
-        return np.where(touch, np.exp(self._logarithm(x) - x) * self._logarithm(x, 1), 0.0)[()]
-
-    def stiffness_slope(self, overlap: ArrayLike) -> Any:
-        """Slope of the stiffness, N/m^2; ``overlap`` in m. It jumps at the points of the table."""
-        touch, x = self._at(overlap)
-        slope = self._logarithm(x, 1)
-        bend = slope * (slope - 1.0) + self._logarithm(x, 2)
-        return np.where(touch, np.exp(self._logarithm(x) - 2.0 * x) * bend, 0.0)[()]
 
     def overlap(self, force: ArrayLike) -> Any:
         """Overlap, m, under a ``force``, N; :class:`InputError` if it is negative."""
         load = np.asarray(real_array("force", force))
-        _require_pushing(load)
+        require_pushing(load)
         places, values = self._knots
         goal = np.log(np.where(load > 0.0, load, self.forces[0]))
         # log f rises with log delta: Newton's method, kept between the two points of the table
@@ -603,7 +556,7 @@ def register_law(name: str, law: Any, **units: str) -> Any:
         raise InputError(f"the contact law {name!r} is made already", mend="Give its class, or no units")
     plain = partial(number, low=-1e300, high=1e300)
     rules = {key: Quantity(key, unit, f"1 {unit}", unit, "any") if unit else plain for key, unit in units.items()}
-    LAWS.add(name, NamedLaw(law, rules))
+    LAWS.add(name, NamedLaw(law, rules), law)
     return law
 
 

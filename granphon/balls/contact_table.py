@@ -10,17 +10,15 @@ from __future__ import annotations
 import itertools
 import math
 from collections import defaultdict
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError
 from granphon.base.results import read_only
 
-Array = NDArray[np.float64]
 #: two sites touch if their distance differs from one by no more than this, in spacings
 TOUCH = 1e-6
 #: balls nearly touch if their distance differs from one by no more than this, in spacings
@@ -55,9 +53,9 @@ class ContactTable:
     arm_i, arm_j : (n_c,) distance from each centre to the contact, in mean diameters.
     """
 
-    i: NDArray[np.intp]
-    j: NDArray[np.intp]
-    shift: NDArray[np.intp]
+    i: Index
+    j: Index
+    shift: Index
     normal: Array
     vector: Array
     arm_i: Array
@@ -107,7 +105,7 @@ def repeat_contacts(i: Any, j: Any, shift: Any, n: int, full: tuple[int, ...]) -
     return cells, (first + i).ravel(), (n * number + j).ravel(), np.floor_divide(steps, full).reshape(-1, len(full))
 
 
-def steps_within(cell: Array, radius: float) -> NDArray[np.intp]:
+def steps_within(cell: Array, radius: float) -> Index:
     """Find the lattice vectors that are at most ``radius`` long.
 
     Returns (n, p) whole multiples of the p vectors of ``cell`` (p, d), sorted in ascending order, zero among them.
@@ -115,7 +113,7 @@ def steps_within(cell: Array, radius: float) -> NDArray[np.intp]:
     return _list_steps(cell, radius, _reach(cell, radius))
 
 
-def _list_steps(cell: Array, radius: float, reach: Array) -> NDArray[np.intp]:
+def _list_steps(cell: Array, radius: float, reach: Array) -> Index:
     """:func:`steps_within`, of no more steps along each vector than ``reach`` (p,)."""
     if not len(cell):
         return np.zeros((1, 0), np.intp)  # a cluster has no images
@@ -130,7 +128,7 @@ def _reach(cell: Array, radius: float) -> Array:
     return np.asarray(np.floor(radius * np.linalg.norm(np.linalg.pinv(cell), axis=0) * (1.0 + 1e-12)))
 
 
-def select_once(i: NDArray[np.intp], j: NDArray[np.intp], shift: NDArray[np.intp]) -> NDArray[np.bool_]:
+def select_once(i: Index, j: Index, shift: Index) -> Flags:
     """(n,) whether to keep each row of a list in which every contact was found from both ends, so that each counts once."""
     if not shift.shape[1]:
         return i < j
@@ -154,11 +152,8 @@ def find_contacts(cell: Array, positions: Array, name: str, radii: Array | None 
     touch = size[i] + size[j]
     distance = np.linalg.norm(delta, axis=-1)
     ratio = distance / touch
-    said, mend, closest = (
-        "Two balls touch where their radii add up to their distance" if given else "Touching balls are 1 apart",
-        "",
-        math.inf,
-    )
+    said = "Two balls touch where their radii add up to their distance" if given else "Touching balls are 1 apart"
+    mend, closest = "", math.inf
     off = np.abs(ratio - 1.0)
     if np.any(near := (off > TOUCH) & (off <= NEAR)):
         # the pair of balls whose distance is nearest to that of touching ones among those that do not touch
@@ -191,7 +186,19 @@ def find_contacts(cell: Array, positions: Array, name: str, radii: Array | None 
     if alone.size:
         which = f"ball {alone[0]} of {called}" if given else f"a ball of {called}"
         if given and closest == math.inf:
-            said, mend = _tell_nearest(cell, positions, size, int(alone[0]))
+            # how far it is from the one that is nearest to touching it, and the unit that this looks like
+            ball, steps = int(alone[0]), _list_steps(cell, math.inf, np.ones(len(cell)))
+            inside = positions - np.floor(positions @ np.linalg.pinv(cell)) @ cell
+            with np.errstate(over="ignore"):
+                away = inside[:, None] + steps @ cell - inside[ball]
+                gaps = np.linalg.norm(away, axis=-1) / (size + size[ball])[:, None]
+            gaps[ball, ~np.any(steps, axis=1)] = np.inf
+            other, _ = np.unravel_index(np.argmin(gaps), gaps.shape)
+            apart, sum_of_radii = float(np.min(gaps)), float(size[other] + size[ball])
+            said = f"The nearest, ball {other}, is {apart * sum_of_radii:.6g} m away, and their radii add up to"
+            said, mend = f"{said} {sum_of_radii:.6g} m", "Move them together, until their radii add up to their distance"
+            if unit := next((unit for unit, many in _UNITS.items() if many / _LIKE < apart < many * _LIKE), ""):
+                mend = f"Give cell and positions in m: they look like {unit}"
         raise InputError(f"{which} touches no other", said, mend)
     if closest - 1.0 <= _CLOSING:
         gap = f"a gap of {closest - 1.0:.2g}" + " of that" * given
@@ -207,23 +214,6 @@ def find_contacts(cell: Array, positions: Array, name: str, radii: Array | None 
         read_only(i), read_only(j), read_only(shifts), read_only(normal), read_only(vector), read_only(size[i]),
         read_only(size[j]),
     )  # fmt: skip
-
-
-def _tell_nearest(cell: Array, positions: Array, radii: Array, ball: int) -> tuple[str, str]:
-    """Say how far a ball is from the one that is nearest to touching it, and the unit that this looks like."""
-    steps = _list_steps(cell, math.inf, np.ones(len(cell)))
-    positions = positions - np.floor(positions @ np.linalg.pinv(cell)) @ cell
-    with np.errstate(over="ignore"):
-        away = positions[:, None] + steps @ cell - positions[ball]
-        gaps = np.linalg.norm(away, axis=-1) / (radii + radii[ball])[:, None]
-    gaps[ball, ~np.any(steps, axis=1)] = np.inf
-    other, _ = np.unravel_index(np.argmin(gaps), gaps.shape)
-    ratio, touch = float(np.min(gaps)), float(radii[other] + radii[ball])
-    said = f"The nearest, ball {other}, is {ratio * touch:.6g} m away, and their radii add up to {touch:.6g} m"
-    unit = next((unit for unit, size in _UNITS.items() if size / _LIKE < ratio < size * _LIKE), "")
-    if unit:
-        return said, f"Give cell and positions in m: they look like {unit}"
-    return said, "Move them together, until their radii add up to their distance"
 
 
 def _find_near(cell: Array, positions: Array, radii: Array, called: str) -> tuple[Any, Any, Any, Array]:
@@ -296,11 +286,51 @@ def find_pairs(positions: Array, periods: Array, cutoff: float) -> tuple[Any, An
 
 
 def require_joined(
-    i: NDArray[np.intp], j: NDArray[np.intp], shift: NDArray[np.intp], n: int, periods: int, called: str,
-    said: str = "", mend: str = "",
+    i: Index, j: Index, shift: Index, n: int, periods: int, called: str,
+    said: str = "", mend: str = "", held: Any = None,
 ) -> None:  # fmt: skip
-    """Raise :class:`~granphon.base.errors.InputError` unless contacts join all ``n`` balls, and all their images."""
-    parts = _find_pieces(i.tolist(), j.tolist(), map(tuple, shift.tolist()), n, periods)
+    """Raise :class:`~granphon.base.errors.InputError` unless contacts join all ``n`` balls, and all their images.
+
+    Balls that are ``held`` (n,) are one body, along all periods.
+    """
+    if held is not None and np.any(held):
+        count = int(np.count_nonzero(~held))
+        name = np.where(held, count, np.cumsum(~held) - 1)
+        i, j = (np.append(name[end], np.full(periods, count)) for end in (i, j))
+        shift, n = np.concatenate([shift, np.eye(periods, dtype=np.intp)]), count + 1
+    neighbours = defaultdict[int, list[tuple[int, tuple[int, ...]]]](list)
+    for one, other, step in zip(i.tolist(), j.tolist(), map(tuple, shift.tolist()), strict=True):
+        neighbours[one].append((other, step))
+        neighbours[other].append((one, tuple(-x for x in step)))
+    # along how many periods each set of balls that contacts join extends, and its copies. The whole cells by which rings of
+    # contacts lead from a ball to its images make a lattice of integers: its rank is the number of periods, and its index
+    # the number of copies of the piece that do not touch
+    places: dict[int, tuple[int, ...]] = {}
+    parts = list[tuple[int, int]]()
+    for first in range(n):
+        if first in places:
+            continue
+        places[first], rings, left = (0,) * periods, set[tuple[int, ...]](), [first]
+        while left:
+            ball = left.pop()
+            for other, step in neighbours[ball]:
+                there = tuple(map(sum, zip(places[ball], step, strict=True)))
+                if other not in places:
+                    places[other] = there
+                    left.append(other)
+                rings.add(tuple(a - b for a, b in zip(there, places[other], strict=True)))
+        # rank and index of the lattice that these make: the index among integers in its own span
+        rows, basis = [list(one) for one in rings], list[list[int]]()
+        for column in range(periods):
+            while len(live := sorted((row for row in rows if row[column]), key=lambda row: abs(row[column]))) > 1:
+                for row in live[1:]:
+                    times = row[column] // live[0][column]
+                    row[:] = [a - times * b for a, b in zip(row, live[0], strict=True)]
+            basis += live
+            rows = [row for row in rows if not row[column]]
+        minors = itertools.combinations(range(periods), len(basis))
+        square = np.array(basis, float).reshape(len(basis), periods)
+        parts.append((len(basis), math.gcd(*(round(abs(np.linalg.det(square[:, columns]))) for columns in minors))))
     count, ranks = sum(index for _, index in parts), {rank for rank, _ in parts}
     whole = ranks == {periods}  # pieces that extend along all periods: there are only so many of them
     if not whole or count > 1:
@@ -334,47 +364,6 @@ def _scale_to_touch(cell: Array, near: Array, touching: Array, given: bool = Fal
             every = "" if dimension == 1 else f"every {'xyz'[axis]} of "
             return f"Multiply {every}the cell by {np.mean(factors):.12g}, so that {old:.9g} becomes {new:.12g}"
     return ""
-
-
-def _find_pieces(
-    i: Iterable[int], j: Iterable[int], shift: Iterable[tuple[int, ...]], n: int, periods: int
-) -> list[tuple[int, int]]:
-    """Return, for each set of balls of a cell that contacts join, along how many periods it extends, and its copies.
-
-    The whole cells by which rings of contacts lead from a ball to its images make a lattice of integers. Its rank is the
-    number of periods, and its index the number of copies of the piece that do not touch.
-    """
-    neighbours = defaultdict[int, list[tuple[int, tuple[int, ...]]]](list)
-    for one, other, step in zip(i, j, shift, strict=True):
-        neighbours[one].append((other, step))
-        neighbours[other].append((one, tuple(-x for x in step)))
-    places: dict[int, tuple[int, ...]] = {}
-    out = []
-    for first in range(n):
-        if first in places:
-            continue
-        places[first], rings, left = (0,) * periods, set[tuple[int, ...]](), [first]
-        while left:
-            ball = left.pop()
-            for other, step in neighbours[ball]:
-                there = tuple(map(sum, zip(places[ball], step, strict=True)))
-                if other not in places:
-                    places[other] = there
-                    left.append(other)
-                rings.add(tuple(a - b for a, b in zip(there, places[other], strict=True)))
-        # rank and index of the lattice that these make: the index among integers in its own span
-        rows, basis = [list(one) for one in rings], list[list[int]]()
-        for column in range(periods):
-            while len(live := sorted((row for row in rows if row[column]), key=lambda row: abs(row[column]))) > 1:
-                for row in live[1:]:
-                    times = row[column] // live[0][column]
-                    row[:] = [a - times * b for a, b in zip(row, live[0], strict=True)]
-            basis += live
-            rows = [row for row in rows if not row[column]]
-        minors = itertools.combinations(range(periods), len(basis))
-        square = np.array(basis, float).reshape(len(basis), periods)
-        out.append((len(basis), math.gcd(*(round(abs(np.linalg.det(square[:, columns]))) for columns in minors))))
-    return out
 
 
 def touch_once_at_most(cell: Array, dim: tuple[int, ...], contact: float) -> bool:

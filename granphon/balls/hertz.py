@@ -77,6 +77,14 @@ def high_pressure_overlap(width: float) -> float:
     return MUCH_LARGER * width / math.sqrt(12.0)
 
 
+def require_pushing(load: Array, least: float = 0.0) -> None:
+    """Raise :class:`InputError` for a force ``load`` below the ``least`` that a contact bears, N."""
+    if not np.all(load >= least):
+        what = "the force of a contact is negative" if least == 0.0 else f"a contact is pulled by more than {-least:.6g} N"
+        why = "One-sided contacts carry no tension" if least == 0.0 else "That is what its adhesion bears"
+        raise InputError(what, why, f"Give f >= {least:.6g}")
+
+
 @dataclass(frozen=True)
 class HertzLaw:
     """Hertz's law f = c delta_+^(3/2): the force between two balls pressed together, zero when they are apart.
@@ -137,8 +145,7 @@ class HertzLaw:
         Raises :class:`InputError` if a force is negative.
         """
         load = real_array("force", force)
-        if not np.all(load >= 0.0):
-            raise InputError("the force of a contact is negative", "One-sided contacts carry no tension", "Give f >= 0")
+        require_pushing(load)
         with np.errstate(over="ignore"):
             ratio = load / self.coefficient
         kept = (ratio >= _LEAST_NORMAL) & (ratio < np.inf)  # where the quotient keeps its digits
@@ -192,30 +199,31 @@ def press_further(overlap: float, differences: Array, out: Array | None = None) 
     return change, root
 
 
-def release(rest: Array, rest_root: Array, elongation: Array) -> tuple[Array, Array, Array]:
-    """Return what an elongation e from overlaps y >= 0 at rest changes of forces, and of the roots h_+^(1/2), and the roots.
+def release(rest: Array, rest_root: Array, elongation: Array, out: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return by what forces fall below those of overlaps y >= 0 at rest when contacts are longer by e, and h_+^(1/2).
 
-    h = y - e. No digits are lost by subtraction.
+    h = y - e. No digits are lost by subtraction. ``rest_root`` is y^(1/2), or the least number above zero. Results are
+    written to ``out``.
     """
-    root = rest - elongation
-    np.sqrt(np.maximum(root, 0.0, out=root), out=root)
-    total = root + rest_root
-    change = -np.minimum(elongation, rest)  # of h_+, the product of sum and difference of the roots
-    gap = np.divide(change, np.maximum(total, _LEAST_NORMAL), out=change)  # both are zero where balls touch before and after
-    total *= total
-    total -= root * rest_root
-    return np.multiply(gap, total, out=total), gap, root
+    loss, root = out
+    np.minimum(elongation, rest, out=loss)  # of h_+
+    np.subtract(rest, loss, out=root)
+    np.sqrt(root, out=root)
+    factor = root + rest_root  # as for press_further
+    np.divide(rest, factor, out=factor)
+    factor += root
+    loss *= factor
+    return loss, root
 
 
-def stretch(rest: Array, rest_root: Array, elongation: Array) -> tuple[Array, Array, Array]:
-    """Return what an elongation e from overlaps y >= 0 at rest changes: forces, the stored energy, and the roots h_+^(1/2).
-
-    h = y - e. Of the energy that of the force at rest, y^(3/2) e, is left out, so that it begins with e^2.
+def stretch(rest: Array, rest_root: Array, elongation: Array) -> Array:
+    """Return what an elongation e from overlaps y >= 0 at rest changes of the stored energy, without that of the force at
+    rest, y^(3/2) e, so that it begins with e^2; h = y - e.
     """
-    force, gap, root = release(rest, rest_root, elongation)
+    root = np.sqrt(np.maximum(rest - elongation, 0.0))
+    gap = -np.minimum(elongation, rest) / (root + rest_root)  # of the roots
     energy = gap * gap * (3.0 * rest_root**3 + gap * (4.0 * rest_root**2 + gap * (2.0 * rest_root + 0.4 * gap)))
-    open_by = np.minimum(rest - elongation, 0.0)
-    return force, energy - rest_root**3 * open_by, root
+    return np.asarray(energy - rest_root**3 * np.minimum(rest - elongation, 0.0))
 
 
 def mean_force(overlap: Array, other: Array) -> Array:

@@ -106,21 +106,18 @@ class Lattice:
             raise InputError(
                 f"lattice {self.name!r} is not in equilibrium: equal contact forces push ball"
                 f" {int(np.argmax(np.abs(pull).max(axis=1)))} aside",
-                "All contacts of equal balls under load carry the same force here",
-                "Use a lattice in which the directions of each ball's contacts add up to zero",
+                mend="Use a lattice in which the directions of each ball's contacts add up to zero",
             )
-        if (known := LATTICES.peek(self.name)) is not None and not self._repeats(known):
+        known = LATTICES.peek(self.name)
+        pairs = () if known is None else ((self.vectors, known.vectors), (self.positions, known.positions))
+        # cell and sites of a lattice of that name are the same, to the rounding at which balls still touch
+        if known and not all(a.shape == b.shape and np.allclose(a, b, rtol=0.0, atol=TOUCH) for a, b in pairs):
             raise InputError(
                 f"the lattice {self.name!r} has a cell or sites of its own",
                 f"There is a lattice of that name, with the cell {brief(known.vectors.round(6).tolist())} and"
                 f" {counted(known.n_balls, 'ball')}",
                 f"Give yours another name, or lattice={self.name!r} to the packing",
             )
-
-    def _repeats(self, other: Lattice) -> bool:
-        """Whether the cell and the sites are those of another lattice, to the rounding at which balls still touch."""
-        pairs = (self.vectors, other.vectors), (self.positions, other.positions)
-        return all(a.shape == b.shape and np.allclose(a, b, rtol=0.0, atol=TOUCH) for a, b in pairs)
 
     @property
     def n_balls(self) -> int:
@@ -249,6 +246,11 @@ HCP = Lattice(
 DIAMOND = _cubic("diamond", 4.0 / math.sqrt(3.0), _FACES, ((0.0, 0.0, 0.0), (0.25, 0.25, 0.25)))
 for _one in (CHAIN, TRIANGULAR, SQUARE, HONEYCOMB, KAGOME, SC, BCC, FCC, HCP, DIAMOND):
     LATTICES.own(_one.name, _one)
+#: structures of two kinds of balls, beside the lattices that have a name
+STRUCTURES = {
+    name: Lattice(name, tuple(map(tuple, cell)), ((0.0, 0.0, 0.0), (0.5, 0.5, 0.5)))
+    for name, cell in (("NaCl", _FACES), ("CsCl", (2.0 / math.sqrt(3.0) * np.eye(3)).tolist()))
+} | {"zincblende": Lattice("zincblende", LATTICES["diamond"].cell, LATTICES["diamond"].sites)}
 
 
 def register_lattice(lattice: Lattice) -> Lattice:
@@ -259,17 +261,28 @@ def register_lattice(lattice: Lattice) -> Lattice:
     """
     if not isinstance(lattice, Lattice):
         raise InputError(f"{brief(lattice)} is no lattice", mend="Give a granphon.Lattice")
-    return LATTICES.add(lattice.name, lattice)
+    return LATTICES.add(lattice.name, lattice, lattice)
 
 
-def find_lattice(lattice: str | Lattice) -> Lattice:
-    """Find the lattice of a name; a :class:`Lattice` is returned itself. Raises :class:`InputError` for an unknown name."""
+def find_lattice(lattice: str | Lattice, known: Iterable[str] = LATTICES) -> Lattice:
+    """Find the lattice of a name; a :class:`Lattice` is returned itself.
+
+    Raises :class:`InputError` for an unknown name; the message lists those that are ``known``.
+    """
     if isinstance(lattice, Lattice):
         return lattice
     if is_one_of(lattice, LATTICES):
         return LATTICES[lattice]
-    mend = "Use " + ", ".join(LATTICES) + ", or a granphon.Lattice"
+    mend = "Use " + ", ".join(known) + ", or a granphon.Lattice"
     raise InputError(f"unknown lattice {brief(lattice)}", LATTICES.failures, mend)
+
+
+def find_structure(name: str | Lattice) -> Lattice:
+    """Return the lattice of a name, in any case of letters, that of NaCl, CsCl and zincblende among them."""
+    known = {one.lower(): one for one in STRUCTURES}.get(name.lower()) if isinstance(name, str) else None
+    if known is not None:
+        return STRUCTURES[known]
+    return find_lattice(name, [*LATTICES, *STRUCTURES])
 
 
 def as_direction(direction: ArrayLike, dimension: int = 2) -> Array:

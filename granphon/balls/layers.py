@@ -7,15 +7,13 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granphon.balls.contact_table import TOUCH, contact_frames
+from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, Refused, brief
 from granphon.base.text import counted, show
 from granphon.base.validation import each, is_one_of, is_whole, whole
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 #: how an edge may be held
 EDGES = ("free", "clamped", "floor")
 #: part of a period across the line or plane in which it lies, but for rounding
@@ -87,12 +85,6 @@ class Layers:
         lower = np.where(still[i] | still[j], 0.0, down[j] - down[i]).astype(np.intp)
         return positions - down[:, None] * (self.stack @ self.turn), shift + lower[:, None] * self.basis[-1]
 
-    def turn_space(self) -> Array:
-        """Return :attr:`turn` as a rotation (3, 3) of space."""
-        turn, d = np.eye(3), len(self.turn)
-        turn[:d, :d] = self.turn
-        return turn
-
     def unfold(self, i: Index, j: Index, shift: Index, n: int, count: int) -> tuple[Index, Index, Index, Index]:
         """Return the contacts among ``count`` layers of ``n`` balls each, from those of a cell, ``shift`` (n_c, p).
 
@@ -138,7 +130,7 @@ def find_faces(heights: Array, radii: Array, edges: tuple[str, str], n: int) -> 
     return found[0], found[1]
 
 
-def find_outer(heights: Array) -> NDArray[np.bool_]:
+def find_outer(heights: Array) -> Flags:
     """Return (2, n) which balls at ``heights`` lie in the outer quarter of a cut, the lower one and the upper one."""
     low, high = float(heights.min()), float(heights.max())
     quarter = 0.25 * (1.0 + _SITE) * (high - low)
@@ -156,7 +148,15 @@ def _find_basis(axis: Any, cell: Array) -> Index:
         return np.concatenate([np.delete(basis, axis, axis=0), basis[axis : axis + 1]])
     given = np.asarray(axis)
     if given.shape == (4,) and periods == 3:
-        given = _drop_third(given, cell)
+        # the indices h, k, i, l of a hexagonal cell, where i = -(h + k)
+        a, b, c = cell
+        size, what = float(a @ a), f"axis is {brief(given.tolist())}"
+        if np.max(np.abs([b @ b - size, a @ b + 0.5 * size, a @ c, b @ c])) > TOUCH * (size + float(c @ c)):
+            why = "Four Miller indices belong to a hexagonal cell: two equal vectors at 120 degrees, and one across them"
+            raise InputError(what, why, "Give three, one for each vector of the cell")
+        if given[0] + given[1] + given[2] != 0:
+            raise InputError(what, "The third of four Miller indices is minus the sum of the first two", "Mend it")
+        given = given[[0, 1, 3]]
     if given.shape != (periods,) or given.dtype.kind not in "iu" or not np.any(given) or np.max(np.abs(given)) > _MOST_INDEX:
         what = f"axis is {brief(axis)}"
         indices = counted(periods, "Miller index", "Miller indices")
@@ -185,18 +185,6 @@ def _find_basis(axis: Any, cell: Array) -> Index:
     if len(inner):
         stack = stack - np.rint(np.linalg.lstsq((inner @ cell).T, stack @ cell, rcond=None)[0]).astype(np.intp) @ inner
     return np.concatenate([inner, stack[None]])
-
-
-def _drop_third(indices: Array, cell: Array) -> Array:
-    """Return the Miller indices h, k, l of the four h, k, i, l of a hexagonal cell, where i = -(h + k)."""
-    a, b, c = cell
-    size, what = float(a @ a), f"axis is {brief(indices.tolist())}"
-    if np.max(np.abs([b @ b - size, a @ b + 0.5 * size, a @ c, b @ c])) > TOUCH * (size + float(c @ c)):
-        why = "Four Miller indices belong to a hexagonal cell: two equal vectors at 120 degrees, and one across them"
-        raise InputError(what, why, "Give three, one for each vector of the cell")
-    if indices[0] + indices[1] + indices[2] != 0:
-        raise InputError(what, "The third of four Miller indices is minus the sum of the first two", "Mend it")
-    return indices[[0, 1, 3]]
 
 
 def find_axes(periods: Array) -> Array:

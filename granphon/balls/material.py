@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 from granphon.base.errors import Refused
@@ -93,16 +92,18 @@ class Material:
             return math.inf
         return self.transverse_velocity * math.sqrt(2.0 * (1.0 - sigma) / (1.0 - 2.0 * sigma))
 
-    @cached_property
-    def _resonance_number(self) -> float:
-        """Lowest reduced frequency omega R / v_T of the free vibrations of a ball.
+    def lowest_resonance(self, diameter: float) -> float:
+        """Frequency of the lowest free vibration of a ball of this material, Hz.
 
-        It is the torsional mode of order two, the same for every sigma, except in strongly auxetic materials,
-        where the breathing mode falls to zero with the bulk modulus. (The spheroidal mode of order two lies between.)
+        It is the lower one of the torsional mode of order two and the breathing mode of a free elastic sphere
+        (H. Lamb, Proc. London Math. Soc. 13, 189, 1882). ``diameter`` in m.
         """
-        sigma = self.poisson_ratio
+        radius = positive("diameter", diameter, "m") / 2.0
+        unit, sigma = self.transverse_velocity / (2.0 * math.pi * radius), self.poisson_ratio
+        # the torsional mode is the same for every sigma, and the lowest except in strongly auxetic materials, where the
+        # breathing mode falls to zero with the bulk modulus; the spheroidal mode of order two lies between
         if sigma >= 0.0:
-            return _TORSIONAL
+            return _TORSIONAL * unit
         from scipy.optimize import brentq
 
         ratio_squared = (1.0 - 2.0 * sigma) / (2.0 * (1.0 - sigma))  # (v_T / v_L)^2
@@ -123,14 +124,5 @@ class Material:
         uniform = math.sqrt(10.0 * (1.0 + sigma) / (1.0 - 2.0 * sigma))
         upper = min(1.1 * uniform, _TORSIONAL)  # above 1: near sigma = -1 the root is ``uniform`` to rounding
         if breathing(0.5 * uniform) * breathing(upper) > 0.0:
-            return _TORSIONAL
-        return float(brentq(breathing, 0.5 * uniform, upper, xtol=1e-16 * uniform))
-
-    def lowest_resonance(self, diameter: float) -> float:
-        """Frequency of the lowest free vibration of a ball of this material, Hz.
-
-        It is the lower one of the torsional mode of order two and the breathing mode of a free elastic sphere
-        (H. Lamb, Proc. London Math. Soc. 13, 189, 1882). ``diameter`` in m.
-        """
-        radius = positive("diameter", diameter, "m") / 2.0
-        return self._resonance_number * self.transverse_velocity / (2.0 * math.pi * radius)
+            return _TORSIONAL * unit
+        return float(brentq(breathing, 0.5 * uniform, upper, xtol=1e-16 * uniform)) * unit

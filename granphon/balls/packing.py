@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -64,6 +64,12 @@ class Packing:
     motions: str | None = None
     torsion: float | str = 0.0
     bending: float = 0.0
+
+    #: names of the kinds of balls: none, as all have one material and one distribution of diameters
+    kind_names: ClassVar[tuple[str, ...]] = ()
+    #: the balls repeat along a period, and no floor or clamp holds them
+    repeats: ClassVar[bool] = True
+    is_held: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         if not isinstance(self.material, Material):
@@ -172,21 +178,6 @@ class Packing:
         if self.structure.periods == 1:
             return self.mass / (self.diameter * per_ball)
         return self.material.ball_mass(1.0) / per_ball
-
-    @property
-    def kind_names(self) -> tuple[str, ...]:
-        """Names of the kinds of balls: none, as all balls have one material and one distribution of diameters."""
-        return ()
-
-    @property
-    def repeats(self) -> bool:
-        """Whether the balls repeat along a period: they do."""
-        return True
-
-    @property
-    def is_held(self) -> bool:
-        """Whether a floor or clamp holds balls: none does."""
-        return False
 
     def describe(self) -> list[tuple[str, Any, str]]:
         """Return names, values and SI units of what describes it, as a notebook shows them."""

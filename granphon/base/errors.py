@@ -11,10 +11,16 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from copy import copy
+from importlib.util import find_spec
 from typing import Any, Self
 
 #: the least whole number that is too large for a float: smaller ones are rounded to the largest float at most
 TOO_LARGE = 2**1024 - 2**970
+#: the extras of granphon, each with the packages that it brings, by their names when they are imported
+EXTRAS = {
+    "scenes": ("matplotlib", "typer", "rich", "yaml", "xarray", "h5netcdf", "h5py", "threadpoolctl"),
+    "distributed": ("distributed", "dask", "cryptography"),
+}  # fmt: skip
 #: what ends a line, with the white space around it
 _BREAK = re.compile(r"\s*[\n\r\v\f\x1c-\x1e\x85\u2028\u2029]\s*")
 
@@ -155,16 +161,24 @@ class UnverifiedFileWarning(UserWarning):
 
 
 @contextmanager
-def needing(what: str) -> Iterator[None]:
-    """Raise :class:`MissingPackageError` where a block imports a package that is not installed; ``what`` needs it."""
+def needing(what: str, *packages: str) -> Iterator[None]:
+    """Raise :class:`MissingPackageError` where a block imports a package that is not installed; ``what`` needs it.
+
+    The error names the extra of granphon that brings the package, or else the package itself, which granphon comes with.
+    Of ``packages``, which the block does not import itself, it is looked whether they are installed.
+    """
     try:
+        for one in packages:
+            if find_spec(one) is None:
+                raise ModuleNotFoundError(name=one)
         yield
     except ModuleNotFoundError as error:
         name = str(error.name).partition(".")[0]
         if name in ("None", "granphon"):
             raise
-        mend = f"Install it: pip install {'PyYAML' if name == 'yaml' else name}"
-        raise MissingPackageError(f"{name} is not installed", f"{what} needs it", mend) from None
+        package = next((f'"granphon[{extra}]"' for extra, brings in EXTRAS.items() if name in brings), name)
+        told = f"{what} needs {name}, which is not installed"
+        raise MissingPackageError(told, mend=f"Install it: pip install {package}") from None
 
 
 def message(what: str, why: str = "", mend: str = "") -> str:

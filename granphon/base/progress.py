@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from importlib.util import find_spec
 from types import SimpleNamespace
 from typing import Any, Protocol
 
@@ -85,5 +86,6 @@ class Terminal:
 
 
 def on_stderr(quiet: bool = False) -> Progress:
-    """A :class:`Terminal` if stderr is a terminal and ``quiet`` is off, else :data:`silent`."""
-    return Terminal() if not quiet and sys.stderr is not None and sys.stderr.isatty() else silent
+    """A :class:`Terminal` if stderr is a terminal, rich is installed and ``quiet`` is off, else :data:`silent`."""
+    shown = not quiet and sys.stderr is not None and sys.stderr.isatty() and find_spec("rich") is not None
+    return Terminal() if shown else silent

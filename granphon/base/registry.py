@@ -30,6 +30,7 @@ class Registry(Mapping[str, T]):
 
     def __init__(self, what: str) -> None:
         self.what, self._entries, self._sources = what, dict[str, T](), dict[str, str]()
+        self._made = dict[str, Any]()
         self.every[what] = self
 
     def own(self, name: str, entry: T) -> T:
@@ -37,18 +38,20 @@ class Registry(Mapping[str, T]):
         self._entries[name], self._sources[name] = entry, _GRANPHON
         return entry
 
-    def add(self, name: str, entry: T) -> T:
-        """Add an entry, and return it; it replaces one of the same name that the same plug-in, or the program, has added.
+    def add(self, name: str, entry: T, made: Any) -> T:
+        """Add an entry, and return it; ``made`` is the function, class or object that someone gave for it.
 
-        Raises :class:`~granphon.base.errors.InputError` if granphon or another plug-in has one of this name.
+        The same may be added again: an equal object, or a function or class defined anew under its own name in the same
+        module, as by a cell of a notebook that runs twice. It takes the place of the former. Raises
+        :class:`~granphon.base.errors.InputError` if another of this name is there.
         """
         from granphon.base.validation import label, require  # imported here: what only lists the plug-ins needs no NumPy
 
         require(f"the name of a {self.what}", label, name)
         source = getattr(_plugins, "loading", "") or _PROGRAM
-        if (holder := self._sources.get(name, source)) != source:
+        if (holder := self._sources.get(name)) is not None and not (holder == source and _is_again(self._made[name], made)):
             raise InputError(f"the {self.what} {name!r} exists already, of {holder}", mend="Give another name")
-        self._entries[name], self._sources[name] = entry, source
+        self._entries[name], self._sources[name], self._made[name] = entry, source, made
         return entry
 
     def remove(self, name: str) -> None:
@@ -92,6 +95,17 @@ class Registry(Mapping[str, T]):
     def __len__(self) -> int:
         load_plugins()
         return len(self._entries)
+
+
+def _is_again(first: Any, second: Any) -> bool:
+    """Whether two things are equal, or a function or class and what was defined later under its name in its module."""
+    names = [(getattr(one, "__module__", None), getattr(one, "__qualname__", "<none>")) for one in (first, second)]
+    if first is second or (names[0] == names[1] and "<" not in names[0][1]):
+        return True
+    try:
+        return bool(first == second)
+    except ValueError:  # of objects that hold arrays
+        return False
 
 
 #: what is loading, in each thread

@@ -26,13 +26,15 @@ from pathlib import Path
 from typing import Self
 from uuid import uuid4
 
-from granphon.base.errors import FileExistsInRunError, GranphonError, OutputError
+from granphon.base.errors import FileExistsInRunError, GranphonError, OutputError, needing
 from granphon.base.text import read_bytes
 
 #: the list of the files that granphon wrote into a folder; a list of another version counts as empty
 LIST, LIST_SCHEMA = ".granphon-files", 1
 #: the file that is locked by the run that writes into a folder
 LOCK = ".granphon-lock"
+#: how much of a file is read to know its kind, bytes
+_HEAD_BYTES = 1000
 #: how names of folders begin in which new files are collected, and the name of such a folder when it is complete
 PREFIX, NEW = ".granphon-staging-", ".granphon-new"
 #: error numbers of a file system that does not support locks
@@ -124,8 +126,11 @@ class ResultFiles:
         Raises
         ------
         FileExistsInRunError : a file exists and ``force`` is off, or it may not be replaced or removed at all.
+        MissingPackageError : a file is one of netCDF, and what writes it is not installed.
         OutputError : the folder is a file, or may not be written to, or one of the ``names`` is a folder.
         """
+        with needing("A netCDF file", *("h5netcdf", "h5py") * any(one.endswith(".nc") for one in self.names)):
+            pass
         with suppress(OSError, ValueError):  # the check that follows reports what is wrong with the folder
             if (self._target / NEW).is_dir() or any(self._target.glob(PREFIX + "*")):
                 with _hold_lock(self._target) as alone:
@@ -329,20 +334,33 @@ def _hold_lock(target: Path) -> Iterator[bool]:
         os.close(descriptor)
 
 
-def write_bytes(path: StrPath, *parts: bytes | memoryview) -> None:
-    """Write a file that consists of these parts, whole or not at all; its folder is made if need be.
+def write_text(path: StrPath, text: str, replace: bool = False) -> None:
+    """Write a text in UTF-8, whole or not at all; its folder is made if need be.
 
-    A file of that name is replaced. Raises :class:`~granphon.base.errors.OutputError` for any failure of the file system.
+    A file that is there makes way for another of its kind: one whose head names granphon too or, if the new one's does not,
+    begins with the same line. With ``replace`` any file does.
+
+    Raises
+    ------
+    FileExistsInRunError : another file is there, which is the user's.
+    OutputError : for any other failure of the file system.
     """
-    target = Path(path)
+    target, data = Path(path), text.encode("utf-8")
     place = target.with_name(f".granphon-{uuid4().hex}")
     with _explaining(target):
         try:
             if target.is_dir():
                 raise OutputError(f"{target} is a folder", "A file of that name is to be written")
+            if not replace and os.path.lexists(target):
+                with open(target, "rb") as old:
+                    there, new = old.read(_HEAD_BYTES), data[:_HEAD_BYTES]
+                alike = b"granphon" in there if b"granphon" in new else there.split(b"\n")[0] == new.split(b"\n")[0]
+                if there and not alike:
+                    what = f"{target} is there, and is no such file of granphon"
+                    raise FileExistsInRunError(what, mend="Give another name")
             target.parent.mkdir(parents=True, exist_ok=True)
             with open(place, "xb") as stream:
-                stream.writelines(parts)
+                stream.write(data)
                 stream.flush()
                 os.fsync(stream.fileno())
             os.replace(place, target)
@@ -351,8 +369,3 @@ def write_bytes(path: StrPath, *parts: bytes | memoryview) -> None:
         finally:
             with suppress(OSError, ValueError):
                 place.unlink()
-
-
-def write_text(path: StrPath, text: str) -> None:
-    """Write a text in UTF-8, whole or not at all, as :func:`write_bytes` does."""
-    write_bytes(path, text.encode("utf-8"))

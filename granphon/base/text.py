@@ -497,7 +497,7 @@ def require_own_file(path: str | os.PathLike[str], kind: str) -> Iterator[None]:
     except SchemaError:
         raise
     except Exception as error:  # numbers of the wrong kind, size or shape, and whatever they trip over
-        why = "A part of it has another form: a number, a list or a block of keys stands where another of them is needed"
+        why = "A number, a list or a block of keys stands where another of them is needed"
         if isinstance(error, GranphonError):
             why = str(error)
         elif isinstance(error, KeyError):

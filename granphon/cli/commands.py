@@ -13,7 +13,7 @@ from typing import Any
 
 import typer
 
-from granphon.base.errors import GranphonError, InputError, UnverifiedFileWarning
+from granphon.base.errors import GranphonError, InputError, MissingPackageError, UnverifiedFileWarning
 from granphon.cli import doctor, pictures, scenes, studies  # noqa: F401  importing them adds their commands to app
 from granphon.cli.app import GROUPS, app
 from granphon.cli.terminal import NOTHING_WRITTEN, Interrupted, fail, warn
@@ -66,7 +66,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if code == 130:  # typer returns this code when it has caught the interruption
             raise KeyboardInterrupt
         return int(code or 0)
-    except InputError as error:
+    except (InputError, MissingPackageError) as error:
         return fail(str(error), 2)
     except GranphonError as error:
         return fail(str(error), 1)

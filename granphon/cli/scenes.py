@@ -55,7 +55,7 @@ def write_preset(
     texts = {name: file.write_preset(name) for name in PRESETS}
     target = Path(path)
     with ResultFiles(target.parent, [target.name], force, known=texts.values()).open():
-        write_text(target, texts[preset])
+        write_text(target, texts[preset], replace=True)
     say(f"Wrote {path}. Next: granphon check {path}")
 
 

@@ -172,8 +172,10 @@ def _sort_senses(
     for sign, still in zip((1.0, -1.0), lost, strict=True):
         run = np.flatnonzero(runs & (sign * flux > 0.0))
         run = run[np.argsort(np.angle(factors[run]), kind="stable")]
-        decay = np.flatnonzero(~runs & (sign * np.log(np.abs(factors)) < 0.0))
-        decay = decay[np.argsort(np.abs(np.log(np.abs(factors[decay]))), kind="stable")]
+        with np.errstate(divide="ignore"):  # a decay beyond floating point
+            inwards = np.abs(factors) ** sign
+        decay = np.flatnonzero(~runs & (inwards < 1.0))
+        decay = decay[np.argsort(-inwards[decay], kind="stable")]
         chosen = np.concatenate([run, decay])
         waves = BlochWaves(factors[chosen], vectors[:, chosen], run.size, still)
         basis = np.concatenate([waves.vectors / np.linalg.norm(waves.vectors, axis=0), still], axis=1)

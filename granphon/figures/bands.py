@@ -164,8 +164,8 @@ def plot_bands(
 
     A LineCollection for each segment of the path and each branch: piece i runs through point i of the segment, and its
     colour is that of the point. Where branches coincide the lower one is drawn wider, so that all remain visible. Without
-    friction nothing rotates: the colour is then the longitudinal fraction. Bands without eigenvectors have one colour, and
-    branches that cross are not followed.
+    friction nothing rotates: the colour is then the longitudinal fraction. Bands of balls with a single motion have one
+    colour. So have bands without eigenvectors, whose branches are not followed where they cross.
 
     Parameters
     ----------
@@ -178,16 +178,18 @@ def plot_bands(
     colorbar : whether to draw the colour bar, above the axes.
     """
     unit = _choose_unit(bands) if unit is None else unit
-    values, scale, plain = bands.frequencies / unit.hertz, Normalize(0.0, 1.0), bands.eigenvectors is None and not edges
-    if not plain:
+    # coinciding waves of two edges are not told apart by the eigenvectors that connect branches
+    followed = bands.eigenvectors is not None and not edges
+    values = (bands.connected_frequencies if followed else bands.frequencies) / unit.hertz
+    # of balls with a single motion every branch would have the same colour
+    if coloured := followed and bands.motions.count > 1:
         part, colours, words = (
             (bands.rotational_fraction, ROTATION, "Rotational") if bands.motions.rotate
             else (bands.longitudinal_fraction, POLARISATION, "Longitudinal")
         )  # fmt: skip
-        values = bands.connected_frequencies / unit.hertz
         fraction = np.take_along_axis(part, bands.connection, 2)
-    if edges:  # not connected: coinciding waves of two edges are not told apart by the eigenvectors that connect branches
-        values, weight = bands.frequencies / unit.hertz, bands.edge_weight
+    if edges:
+        weight = bands.edge_weight
         mixed = np.array([to_rgb(one) for one in _EDGES])
         more = np.maximum(weight - 0.25, 0.0) / 0.75  # than that of a wave spread evenly
         paint = np.concatenate([more, 1.0 - more.sum(axis=-1, keepdims=True)], axis=-1) @ mixed
@@ -207,9 +209,9 @@ def plot_bands(
             middle = 0.5 * (points[:-1] + points[1:])  # the line is cut half way between its points
             ends = np.vstack([points[:1], middle]), np.vstack([middle, points[-1:]])
             pieces = list(np.stack([ends[0], points, ends[1]], axis=1))
-            shades: dict[str, Any] = (
-                {"colors": BLUE} if plain else {"array": fraction[s, :, b], "cmap": colours, "norm": scale}
-            )
+            shades: dict[str, Any] = {"colors": BLUE}
+            if coloured:
+                shades = {"array": fraction[s, :, b], "cmap": colours, "norm": Normalize(0.0, 1.0)}
             if edges:
                 shades = {"colors": paint[s, :, b].clip(0.0, 1.0), "zorder": 2.0 + weight[s, :, b].sum(axis=-1).max()}
             lines = LineCollection(pieces, linewidths=widths[:, b], capstyle="round", gid=f"band-{s}-{b}", **shades)
@@ -233,7 +235,7 @@ def plot_bands(
     if edges:
         for name, colour in zip(("lower edge", "upper edge", "inside"), _EDGES, strict=True):
             ax.plot([], [], color=colour, label=name)
-    elif colorbar and not plain:
+    elif colorbar and coloured:
         add_part_bar(ax, colours, f"{words} part of the kinetic energy")
     return ax
 

@@ -1,8 +1,8 @@
 """The guarded import of matplotlib, and what figures share that needs it: scales of axes, maps of colours, legends.
 
 Every module that draws imports this one before matplotlib. No backend of matplotlib and no pyplot is loaded. Raises
-:class:`~granphon.base.errors.FigureError` if matplotlib cannot be imported: it is not installed, or its settings cannot be
-read.
+:class:`~granphon.base.errors.MissingPackageError` if matplotlib is not installed, and
+:class:`~granphon.base.errors.FigureError` if its settings cannot be read.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.base.errors import FigureError, InputError
+from granphon.base.errors import FigureError, InputError, MissingPackageError, needing
 from granphon.base.scales import HertzPrefix, prefixed
 from granphon.figures.style import (
     COLUMN_WIDTH,
@@ -49,15 +49,14 @@ def _open_door() -> Iterator[None]:
     log, said = logging.getLogger("matplotlib"), BufferingHandler(1000)
     log.addHandler(said)
     try:
-        yield
-    except MemoryError:
+        with needing("A figure"):
+            yield
+    except (MemoryError, MissingPackageError):
         raise
     except Exception as error:  # from the file system, a text that is not UTF-8, or whatever the settings ask for
         records, said.buffer = said.buffer, []  # the log names the file that is at fault
         why = " ".join(record.getMessage() for record in records)
         mend = "Look at its settings (matplotlibrc, MATPLOTLIBRC) and how it is installed"
-        if isinstance(error, ModuleNotFoundError) and error.name == "matplotlib":
-            mend = "Install it: pip install matplotlib"
         raise FigureError(f"matplotlib cannot be imported: {shorten_error(error)}", why, mend) from error
     finally:
         log.removeHandler(said)

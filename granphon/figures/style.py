@@ -131,7 +131,7 @@ def draw(figure: Callable[[str], Figure], names: Sequence[str], folder: Path) ->
             save_figure(figure(name), folder / name)
         except OSError:
             raise
-        except FigureError as error:
+        except GranphonError as error:
             told = str(error)
             failures[name] = told if told.startswith(name) else f"{name} could not be drawn: {told}"
         except Exception as error:

@@ -52,7 +52,7 @@ from granphon.figures.words import find_differing, write_value
 from granphon.fits.transfer import DampingFit
 from granphon.networks.network import ContactNetwork
 from granphon.observables.catalogue import CATALOGUE, axis_label
-from granphon.phonons.complex_bands import ComplexBands
+from granphon.phonons.bands import ComplexBands
 from granphon.phonons.surfaces import SurfaceBranches, SurfaceSpectrum
 from granphon.runs.dataset import Dataset, find_load
 from granphon.waves.dos import SpectralDensity
@@ -631,5 +631,5 @@ def plot_transmission(result: Transmission, ax: Axes) -> Axes:
         ax.plot(f, np.where(runs, values, np.nan), style, color=colour, linewidth=1.0, label=label)
     ax.set(xlabel=f"Frequency ({print_hertz(unit)})", ylabel="Part of the energy", ylim=(-0.02, 1.02))
     ax.set_xlim(float(f[0]), float(f[-1]))
-    ax.legend(loc="center right")
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, borderaxespad=0.2)
     return ax

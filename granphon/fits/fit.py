@@ -214,7 +214,7 @@ class FitProblem:
         part = np.ones(1) if data.sigma is None else np.ravel(data.sigma / data.velocity)
         if np.any(part <= _MODEL_ERROR):
             what = f"sigma is as small as {np.min(part):.3g} times the velocity"
-            why = f"The velocities of a model have relative errors of {_MODEL_ERROR:g}, and no fit can be better"
+            why = f"Those of a model have relative errors of {_MODEL_ERROR:g}"
             raise InputError(what, why, "Check the units of sigma, or give the errors that the data have")
         if np.any(part >= 1.0 / _MODEL_ERROR):
             what = f"sigma is as large as {np.max(part):.3g} times the velocity"
@@ -277,10 +277,8 @@ def find_best(problem: FitProblem) -> tuple[FitProblem, Array]:
                 return problem, found
             problem = again
         names = " and ".join(model.names)
-        what = (
-            f"{names} still changed after {_MOST_SIMULATED} simulations, each of the packing that the one before has found"
-        )
-        mend = "Give the simulation more balls or samples, with a history a lower step_tolerance"
+        what = f"{names} still changed after {_MOST_SIMULATED} simulations"
+        mend = "Take more balls or samples, and with a history a lower step_tolerance"
         raise InputError(what, "Forces of few balls jump when the width changes", mend)
     if where is None:
         return problem, _descend(problem, model.find_start(model.packing.width))

@@ -92,7 +92,7 @@ class Waves(Result):
     def find_tops(self, state: ContactState) -> Array:
         """Return the highest frequency of a pulse on the branch at each load, Hz."""
         # in the paper's limit one dispersion relation serves all loads
-        several = not state.loaded_lattice.is_one
+        several = not state.has_one_lattice
         each = [state[n] for n in range(len(state.force))] if several else [state]
         reduced = np.array(
             [follow_acoustic_branches(one.contact_lattice(), self.direction)[self.branch].top for one in each]

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.balls.contact_laws import ENERGY, FORCE, SLOPE, STIFFNESS
 from granphon.balls.distributions import NormalShape, PointShape, Shape, UniformShape
 from granphon.balls.lattices import Lattice
 from granphon.base.errors import PrecisionError
@@ -27,7 +28,7 @@ from granphon.base.threads import single_products
 from granphon.dynamics.cluster_response import cluster_response
 from granphon.laws.cluster_balance import Balance, ClusterBalance, PointSource
 from granphon.laws.cluster_descent import MOST_SETS, ClusterDescent
-from granphon.laws.spread import ENERGY, FORCE, SLOPE, STIFFNESS, TERMS, CurveLaw, Series
+from granphon.laws.spread import TERMS, CurveLaw, Series
 
 Array = NDArray[np.float64]
 #: f* from which force and stiffness are within 2.5 % of the simulated array's, on the triangular lattice and in fcc

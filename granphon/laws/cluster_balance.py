@@ -322,8 +322,7 @@ class ClusterBalance:
                 length[rising] *= 0.4
             w = w - length[:, None] * step
             self._w[going] = w
-        what = f"a cluster finds no equilibrium at an overlap of {y:.6g} widths"
-        raise PrecisionError(what, mend="Raise the load")
+        raise PrecisionError(f"a cluster finds no equilibrium at an overlap of {y:.6g} widths", mend="Raise the load")
 
     def _linearise(
         self, y: float, effective: Sequence[float], part: slice

@@ -10,7 +10,7 @@ is used at large y: it costs nothing, loses no digits, and becomes the law of eq
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
@@ -19,14 +19,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.balls.contact_laws import ENERGY, FORCE, STIFFNESS, EnergyLaw
 from granphon.balls.distributions import NormalShape, PointShape, Shape, UniformShape, evaluate_in_blocks
 from granphon.balls.hertz import HertzLaw, high_pressure_overlap
 from granphon.base.errors import InputError, PrecisionError
 from granphon.base.scales import WidthUnits
 
 Array = NDArray[np.float64]
-#: orders of the derivatives of the energy with respect to the overlap: energy, force, stiffness, slope of the stiffness
-ENERGY, FORCE, STIFFNESS, SLOPE = range(4)
 #: the same derivatives of (2/5) y^(5/2), each divided by its power of y
 _HERTZ = (0.4, 1.0, 1.5, 0.75)
 #: y over the largest deviation x, from which the series is used
@@ -107,10 +106,11 @@ def high_pressure_series(shape: Shape, xi: float) -> Series:
     return Series(mean, scale, _SERIES_START * scale, balls, weights)
 
 
-class SpreadLaw(ABC):
+class SpreadLaw(EnergyLaw):
     """Contact law f = c W^(3/2) f*(y), y = delta/W, of balls whose diameters differ.
 
-    Methods take numbers or arrays of any shape, and a float gives a float: ``overlap`` is delta in m, ``force`` f in N. A
+    Methods take numbers or arrays of any shape, and a float gives a float. The energy is the integral of the force over the
+    overlap, zero where all contacts are open. ``overlap`` is delta in m, ``force`` f in N. A
     subclass gives the reduced law for y below the start of the series.
     """
 
@@ -143,23 +143,6 @@ class SpreadLaw(ABC):
     def least_overlap(self) -> float:
         """Overlap, m, up to which all contacts are open; below zero."""
         return -self.width * self.shape.bounds[1]
-
-    def energy(self, overlap: ArrayLike) -> Any:
-        """Return the energy, J: the integral of the force over the overlap, zero where all contacts are open."""
-        offset = self._energy_offset * self._find_unit(ENERGY)
-        return self._evaluate(overlap, ENERGY, offset)
-
-    def force(self, overlap: ArrayLike) -> Any:
-        """Return the mean contact force f, N."""
-        return self._evaluate(overlap, FORCE)
-
-    def stiffness(self, overlap: ArrayLike) -> Any:
-        """Return the stiffness k = df/d(delta), N/m."""
-        return self._evaluate(overlap, STIFFNESS)
-
-    def stiffness_slope(self, overlap: ArrayLike) -> Any:
-        """Return the slope of the stiffness, dk/d(delta), N/m^2."""
-        return self._evaluate(overlap, SLOPE)
 
     def overlap(self, force: ArrayLike) -> Any:
         """Return the overlap delta, m, at a mean contact force above zero, N.
@@ -244,9 +227,11 @@ class SpreadLaw(ABC):
         """Return the force, N, from which the law is valid for a packing of ``width`` W, m: the force at high pressure."""
         return float(self.force(high_pressure_overlap(width)))
 
-    def _evaluate(self, overlap: ArrayLike, order: int, offset: float = 0.0) -> Any:
+    def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
         delta = np.asarray(overlap, float)
-        hertz = HertzLaw(self.coefficient)
+        hertz, offset = HertzLaw(self.coefficient), 0.0
+        if order == ENERGY:
+            offset = self._energy_offset * self._find_unit(ENERGY)
         exact = (hertz.energy, hertz.force, hertz.stiffness, hertz.stiffness_slope)[order]
 
         def far(part: Array) -> Array:
@@ -322,8 +307,7 @@ class CurveLaw(SpreadLaw):
     def _find_near_overlap(self, force: Array) -> Array:
         curve = self.curve
         if np.any(force < curve.least_force):
-            what = f"a mean contact force of f* = {float(np.min(force)):.3g} is below {curve.least_force:.6g}"
-            raise self._refuse(what)
+            raise self._refuse(f"a mean contact force of f* = {float(np.min(force)):.3g} is below {curve.least_force:.6g}")
         return np.asarray(curve.overlap(force))
 
 

@@ -30,7 +30,6 @@ from importlib.resources import files
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granphon.balls.distributions import NormalShape, Shape, UniformShape
 from granphon.balls.hertz import overlap_of
@@ -38,11 +37,11 @@ from granphon.balls.lattices import LATTICES, Lattice
 from granphon.balls.loads import Load
 from granphon.balls.motions import IN_PLANE
 from granphon.balls.packing import Packing
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.media.equilibria import reduce_load
 from granphon.media.friction_history import REST, FrictionHistory
 
-Array = NDArray[np.float64]
 #: number of standard deviations of a sample that count as the expected error of a simulation; the standard deviations in the
 #: table include a margin
 DEVIATIONS = 2.5

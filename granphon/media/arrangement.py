@@ -13,7 +13,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granphon.balls.ball import Ball
 from granphon.balls.contact_laws import Hertz
@@ -25,10 +24,9 @@ from granphon.balls.parameters import KIND_PARAMETERS
 from granphon.base.errors import InputError
 from granphon.base.text import closest, counted
 from granphon.media.crystal import Crystal, CrystalState
-from granphon.media.medium import MediumBase
-from granphon.media.state import NetworkStates
+from granphon.media.medium import Medium
+from granphon.media.state import NetworkState
 
-Array = NDArray[np.float64]
 #: what an arrangement takes as a crystal does
 _OPTIONS = ("law", "friction", "motions", "torsion", "bending")
 #: balls of a crystal up to which its states are found when a scene is only checked
@@ -145,8 +143,7 @@ class Arrangement:
             if name not in balls:
                 guess = closest(name, balls)
                 what = f"there is no kind of ball {name!r}"
-                mend = f"Did you mean {guess}?" if guess else f"Give one of {', '.join(balls)}"
-                raise InputError(what, mend=mend)
+                raise InputError(what, mend=f"Did you mean {guess}?" if guess else f"Give one of {', '.join(balls)}")
             return balls[name]
 
         if self.lattice is None:
@@ -276,25 +273,20 @@ def _mean_of(name: str, what: str) -> property:
     return property(find, doc=what)
 
 
-class LoadedCrystal(NetworkStates):
+class LoadedCrystal(NetworkState):
     """States of a crystal as sweeps and scenes have them: with means over the contacts that carry load, of a sample all."""
 
     medium, regime, n_samples, finite_overlap = "crystal", None, 0, False
     chosen_automatically, mean_errors = False, dict[str, Any]()
 
     def __init__(self, packing: Arrangement, source: CrystalState) -> None:
-        super().__init__(source)
+        super().__init__(source, tuple(source.warnings))
         self.packing, self.finite_overlap = packing, source.finite_overlap
         self.name = packing.structure.name
 
     def __getitem__(self, index: Any) -> LoadedCrystal:
         """Select some of the loads, by an index as for arrays."""
         return type(self)(self.packing, self.source[index])
-
-    @property
-    def is_held(self) -> bool:
-        """Whether a floor or clamp holds balls."""
-        return bool(self.source.crystal.is_held)
 
     @property
     def limits(self) -> Any:
@@ -345,7 +337,7 @@ class LoadedCrystal(NetworkStates):
         return None if self.exponent is None else np.zeros(self.shape)[()]
 
 
-class CrystalMedium(MediumBase[Any]):
+class CrystalMedium(Medium[Any]):
     """Balls of several kinds, each contact with its own law and force: what an :class:`Arrangement` makes."""
 
     name, words = "crystal", "crystal"

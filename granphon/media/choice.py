@@ -24,13 +24,12 @@ from granphon.base.registry import Registry
 from granphon.base.validation import block, choice, number, read_inside, real_number, require
 from granphon.media.accuracy import FRICTIONLESS, accuracy
 from granphon.media.arrangement import Balls, CrystalMedium
-from granphon.media.cluster import ClusterMedium
 from granphon.media.cost import estimate
 from granphon.media.equilibria import reduce_load
 from granphon.media.friction_history import HISTORY_OPTIONS, REFERENCE_OPTIONS, REST, FrictionHistory, read_start
 from granphon.media.left_out import EXACT, LATTICE, expect_shear_deficit, find_left_out
-from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
-from granphon.media.medium import MediumBase, Option
+from granphon.media.mean_field import AveragedForce, AveragedLattice, ClusterMedium, EffectiveMedium
+from granphon.media.medium import Medium, Option
 from granphon.media.simulation import DEFAULT_SHAPES, DirectSimulation, no_finite_overlap, read_cells
 from granphon.media.state import ContactState, read_finite_overlap
 
@@ -49,7 +48,7 @@ _BALL_TIME = 3e-6
 
 
 @dataclass(frozen=True)
-class AutoMedium(MediumBase[ContactState]):
+class AutoMedium(Medium[ContactState]):
     """The cheapest medium whose expected error is within a tolerance.
 
     Errors are relative errors of velocities and frequencies at the given load, from :mod:`granphon.media.accuracy`. They are
@@ -170,7 +169,7 @@ class AutoMedium(MediumBase[ContactState]):
 
 
 #: the classes of media of packings by the names that scenes and sweeps use
-MEDIA: Registry[type[MediumBase[Any]]] = Registry("medium")
+MEDIA: Registry[type[Medium[Any]]] = Registry("medium")
 for _one in (AveragedLattice, AveragedForce, EffectiveMedium, ClusterMedium, DirectSimulation, AutoMedium):
     MEDIA.own(_one.name, _one)
 
@@ -183,14 +182,14 @@ def register_medium(medium: T) -> T:
     :class:`~granphon.base.errors.InputError` for what is no such class, and for a name that is taken.
     """
     given: Any = medium
-    own = vars(medium) if isinstance(given, type) and issubclass(given, MediumBase) else {}
+    own = vars(medium) if isinstance(given, type) and issubclass(given, Medium) else {}
     if not isinstance(own.get("name"), str):
         mend = "Give a subclass of granphon.LawMedium with a name of its own"
         raise InputError(f"{brief(medium)} is no medium", mend=mend)
-    found: type[MediumBase[Any]] = medium
+    found: type[Medium[Any]] = medium
     if "words" not in own:
         found.words = own["name"]
-    MEDIA.add(own["name"], found)
+    MEDIA.add(own["name"], found, found)
     return medium
 
 
@@ -237,9 +236,7 @@ class MediumChoice:
 
         Raises :class:`~granphon.base.errors.Refused` for a shape that has not one length for each period of the lattice.
         """
-        options = read_inside(self.name, partial(_read_options, self.name, lattice=lattice), dict(self.options))
-        default = "shape", DEFAULT_SHAPES[lattice.periods]
-        return MediumChoice(self.name, tuple(one for one in options.items() if one != default))
+        return read_medium(self, lattice)
 
     def settings_on(self, lattice: Lattice) -> dict[str, Any]:
         """Every option with its value on a lattice, as a scene would give it: the default of a shape depends on the lattice.
@@ -368,7 +365,7 @@ class MediumChoice:
             why = f"{several.capitalize()} have the medium {CrystalMedium.name} alone, and no others have it"
             raise InputError(f"the medium is {self.label!r}", why, mend)
 
-    def of(self, packing: Balls) -> MediumBase[Any]:
+    def of(self, packing: Balls) -> Medium[Any]:
         """Return the medium for this packing."""
         self.require_for(packing)
         options: Any = dict(self.options)
@@ -475,13 +472,10 @@ def sort_options(packing: Packing, load: Load, against: FrictionHistory = REST) 
     """Return the options of an :class:`AutoMedium`, the cheapest at an applied load first."""
 
     def rough_time(option: MediumChoice) -> float:
-        """Return the rough time at all values of the load, s; zero of media that only evaluate a law.
-
-        That of a simulation is the time at one of the loads: at the least, whose equilibrium takes longest; with a history
-        of friction at the greatest, on the way to which it passes the others.
-        """
+        """Return the rough time at all values of the load, s; zero of media that only evaluate a law."""
         medium = option.of(packing)
         if isinstance(medium, DirectSimulation):
+            # at the least load, whose equilibrium takes longest; with a history at the greatest, which passes the others
             decisive = np.argmax if medium.friction_history else np.argmin
             return _SIMULATION_TIME + _BALL_TIME * estimate(medium, load[int(decisive(load.array))]).work
         return medium.seconds if isinstance(medium, EffectiveMedium) else 0.0
@@ -501,16 +495,16 @@ def read_medium(value: Any, lattice: Lattice | None = None, written: bool = Fals
     With a ``lattice``, the shape of a sample has one length for each of its periods. What is ``written`` in a file has
     units; otherwise plain numbers are in SI.
     """
-    if isinstance(value, MediumChoice):
-        return value if lattice is None else value.on(lattice)
     is_block = isinstance(value, Mapping) and len(value) == 1
     name, given = next(iter(value.items())) if is_block else (value, None)
+    if isinstance(value, MediumChoice):
+        name, given, written = value.name, dict(value.options), False
     _read_name(name)
-    options = (
-        {} if given is None else read_inside(name, partial(_read_options, name, lattice=lattice, written=written), given)
-    )
-    read = MediumChoice(name, tuple(options.items()))
-    return read if lattice is None else read.on(lattice)
+    rule = partial(_read_options, name, lattice=lattice, written=written)
+    options = {} if given is None else read_inside(name, rule, given)
+    if lattice is not None and options.get("shape") == DEFAULT_SHAPES[lattice.periods]:
+        del options["shape"]
+    return MediumChoice(name, tuple(options.items()))
 
 
 def default_medium(balls: Balls, differ: bool = False) -> str:

@@ -24,7 +24,6 @@ from pathlib import Path
 from time import process_time
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granphon.array.equilibrium import equilibrate
 from granphon.array.geometry import ReducedLoad
@@ -33,12 +32,13 @@ from granphon.array.preconditioners import MOST_BALLS
 from granphon.balls.diameters import uniform_numbers
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
+from granphon.base.arrays import Array
 from granphon.dynamics.linalg import MANY_COLUMNS
-from granphon.media.left_out import estimate_reduced_force, estimate_spacing, find_spacing
+from granphon.media.equilibria import reduce_load
+from granphon.media.left_out import estimate_reduced_force, find_spacing
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.simulation import DirectSimulation
 
-Array = NDArray[np.float64]
 #: longest time that a run may be estimated to take on one processor, s: a hundred processors would need a hundred days
 MOST_SECONDS = 10_000 * 86400.0
 #: time of an equilibrium of the small sample per ball, s, on any machine: it takes some microseconds
@@ -303,7 +303,8 @@ def estimate(simulation: DirectSimulation, load: Load, exponents: bool = False) 
     state = _STATE_TIME[periods][turning] * (1.0 + _FEW_BALLS / balls) / (1.0 + _FEW_BALLS / math.prod(_SMALL_SHAPE))
     if history.is_loaded:
         memory += balls * (_HISTORY_BYTES[periods] + count * _HISTORY_STATE_BYTES[periods])
-        path, start = estimate_spacing(packing, load.applied), history.reduce_start(packing, simulation.is_exact)
+        reduced, start = np.ravel(reduce_load(packing, load.applied)), history.reduce_start(packing, simulation.is_exact)
+        path = reduced if load.kind == "overlap" else find_spacing(packing, reduced)
         path = path if history.ordered else np.sort(path)
         begin = START_SPACING  # also for the gas, whose own is not known
         if isinstance(start, ReducedLoad):

@@ -10,8 +10,9 @@ the next axis: y in a plane, z in space, x of a chain.
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -19,17 +20,17 @@ from operator import attrgetter
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from granphon.array.sparse_matrices import compose
 from granphon.balls.ball import BALL_LIMITS, RIGID_PLANE, Ball, Body, ContactConstants
 from granphon.balls.contact_laws import DMT, JKR, Hertz, PairLaw, PowerLaw, TabulatedLaw, check_law, find_law, law_between
 from granphon.balls.contact_table import TOUCH, ContactTable, find_contacts, repeat_contacts, require_joined
-from granphon.balls.kinds import find_kinds, find_structure, list_balls, name_kinds, require_fit
-from granphon.balls.lattices import LATTICES, Lattice
+from granphon.balls.lattices import LATTICES, Lattice, find_structure
 from granphon.balls.layers import Layers, find_faces, read_edges
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.balls.packing import MINDLIN, read_rolling, require_shallow
+from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, brief
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units
@@ -40,8 +41,6 @@ from granphon.media.limits import Check, check_limit
 from granphon.media.state import read_finite_overlap
 from granphon.networks.network import ContactNetwork
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 #: a contact law that plain data can hold
 Laws = Hertz | PowerLaw | DMT | JKR | TabulatedLaw
 #: most cells of a supercell along a period, and most layers of a cut
@@ -254,7 +253,20 @@ class Crystal(Result):
             raise InputError(what, said, "Give balls of one size, or cell and positions at which they touch")
         cell = scale * structure.vectors
         if len(given) == structure.n_balls == 2:
-            require_fit(given, cell, structure.name)
+            # the larger of two balls must not touch each other before they touch the smaller
+            p = structure.periods
+            images = np.stack(np.meshgrid(*[[-1, 0, 1]] * p), axis=-1).reshape(-1, p)
+            gap = float(np.min(np.linalg.norm(images[np.any(images, axis=1)] @ cell, axis=1)))
+            small, large = sorted(given, key=lambda ball: ball.diameter)
+            if gap < large.diameter * (1.0 - TOUCH):
+                least = 2.0 * large.diameter * (0.5 * (small.diameter + large.diameter) / gap) - large.diameter
+                called = small.name or "AB"[given.index(small)]
+                what = f"ball {called} of {small.diameter:g} m is too small for its site in {structure.name}"
+                why = f"The others, of {large.diameter:g} m, touch each other before they touch it: the ratio of the"
+                why += (
+                    f" diameters is {small.diameter / large.diameter:.4g}, and must be {least / large.diameter:.4g} or more"
+                )
+                raise InputError(what, why, f"Give it a diameter of {least:.6g} m or more")
         return cls(balls_on, cell, scale * structure.positions, **({"name": structure.name} | options))
 
     @classmethod
@@ -443,21 +455,12 @@ class Crystal(Result):
             raise InputError(what, why, "Remove balls first, and cut then")
         if not self.n_contacts:
             raise InputError(f"no balls of crystal {self.name!r} touch", mend="Give more layers, or remove fewer balls")
-        i, j, shift = [table.i], [table.j], [table.shift]
-        held = [one.balls for one in self._sides if one.edge != "free"]
-        if held:  # a wall extends along all periods
-            at = np.unique(np.concatenate(held))
-            i += [at, np.full(p, n)]
-            j += [np.full(len(at), n), np.full(p, n)]
-            shift += [np.zeros((len(at), p), np.intp), np.eye(p, dtype=np.intp)]
-        ends = np.concatenate([*i, *j])
-        count = n + bool(held)
-        if (alone := np.setdiff1d(np.arange(count), ends)).size:
+        held = np.zeros(n, bool)  # by a wall, which extends along all periods
+        held[np.concatenate([np.zeros(0, np.intp), *(one.balls for one in self._sides if one.edge != "free")])] = True
+        if (alone := np.setdiff1d(np.flatnonzero(~held), np.append(table.i, table.j))).size:
             raise InputError(f"ball {alone[0]} of crystal {self.name!r} touches no other", mend="Remove it too")
-        require_joined(
-            np.concatenate(i), np.concatenate(j), np.concatenate(shift), count, p, f"crystal {self.name!r}",
-            mend="Remove one of them, or give more layers",
-        )  # fmt: skip
+        mend = "Remove one of them, or give more layers"
+        require_joined(table.i, table.j, table.shift, n, p, f"crystal {self.name!r}", mend=mend, held=held)
 
     # -- what it is -------------------------------------------------------------------------------------------------------
 
@@ -627,10 +630,7 @@ class Crystal(Result):
 
     @cached_property
     def _frame(self) -> tuple[Frame, Index, Index]:
-        """The unknowns of the statics, the place of each ball among the displacements (-1 if held), and its wall (-1: none).
-
-        A wall is the number of the unknown way of a wall.
-        """
+        """The unknowns of the statics, the place of each ball among displacements (-1: held), and its wall (-1: none)."""
         if self.deviations is None and any(ball.spread is not None and ball.spread.rms for ball in self.kinds):
             what = f"balls of crystal {self.name!r} have a spread of diameters, and none are drawn"
             raise InputError(what, "Each ball is simulated by itself", "Draw them: crystal.sample((8, 8), seed=0)")
@@ -809,10 +809,7 @@ class Crystal(Result):
         return out
 
     def _read_gravity(self, values: Array, gravity: ArrayLike | None, rank: int = 0) -> tuple[Array, list[Array | None]]:
-        """Return loads, whose last ``rank`` axes are those of one, and the acceleration (d,) of gravity at each, or None.
-
-        Loads and gravity are broadcast. Raises :class:`InputError` if they cannot be, or if nothing holds the balls.
-        """
+        """Return loads, whose last ``rank`` axes are those of one, broadcast with gravity, and this at each, or None."""
         lead = values.shape[: values.ndim - rank]
         if gravity is None:
             return values, [None] * math.prod(lead)
@@ -836,34 +833,27 @@ class Crystal(Result):
         each = np.broadcast_to(field, (*shape, d)).reshape(-1, d)
         return np.broadcast_to(values, shape + values.shape[len(lead) :]), [one if np.any(one) else None for one in each]
 
-    def _tell_lift(self, field: Array | None, pressure: float = 0.0) -> tuple[str, str] | None:
-        """Say, as a reason and what mends it, that gravity lifts balls off what they stand on; None if it does not."""
-        if field is None:
-            return None
-        for face in self.faces:
-            low, high = face.edges
-            way = field[face.axis] if low != "free" else -field[face.axis]
-            if way > 0.0 and (low, high) != ("clamped", "clamped"):
-                others = math.prod(one.thickness for one in self.faces if one is not face)
-                weight = float(np.sum(self.masses[self._frame[1] >= 0])) * way / (self.measure * others)
-                if pressure > weight:
-                    continue
-                unit = ("N", "N/m", "Pa")[self.periods + len(self.faces) - 1]
-                word, sign = (low, "") if low != "free" else (high, "-")
-                why = f"Gravity acts along {sign}{'xyz'[face.axis]}, away from the {word} on which the balls stand"
-                return why, f"Turn it round, or press with more than their weight, {weight:.4g} {unit}"
-        return None
-
     def _push(
         self, words: str, field: Array | None, stress: Array | None = None, strain: Array | None = None,
         pressure: float = 0.0,
     ) -> Push:  # fmt: skip
         """Return the load of gravity, a ``stress`` or ``strain`` (p, p) of the periods, and a pressure on the faces."""
         frame, place, _ = self._frame
+        lifted: tuple[str, str] | None = None  # why gravity lifts balls off what they stand on, and what mends it
         force, pressed, given = np.zeros((3, frame.motion.shape[1]))
         held = np.zeros(len(force), bool)
         if field is not None:
             force[: frame.n_free] = (self.masses[place >= 0, None] * field).ravel()
+            for face in self.faces:
+                low, high = face.edges
+                way = field[face.axis] if low != "free" else -field[face.axis]
+                others = math.prod(one.thickness for one in self.faces if one is not face)
+                weight = float(np.sum(self.masses[place >= 0])) * way / (self.measure * others)
+                if lifted is None and way > 0.0 and pressure <= weight and (low, high) != ("clamped", "clamped"):
+                    unit = ("N", "N/m", "Pa")[self.periods + len(self.faces) - 1]
+                    word, sign = (low, "") if low != "free" else (high, "-")
+                    why = f"Gravity acts along {sign}{'xyz'[face.axis]}, away from the {word} on which the balls stand"
+                    lifted = why, f"Turn it round, or press with more than their weight, {weight:.4g} {unit}"
         if stress is not None:
             force[frame.strains] += frame.work_of(stress)
         if strain is not None:
@@ -876,7 +866,7 @@ class Crystal(Result):
             elif one.edge == "free":
                 at = place[one.balls][place[one.balls] >= 0]
                 pressed[self.dimension * at + one.axis] -= one.sign * push / max(len(at), 1)
-        return Push(force + pressed, held, given, stress, pressed, words, self._tell_lift(field, pressure))
+        return Push(force + pressed, held, given, stress, pressed, words, lifted)
 
     def _push_hydrostatic(self, pressure: float, field: Array | None, words: str) -> Push:
         words += f" {('N', 'N', 'N/m', 'Pa')[self.periods + len(self.faces)]}"
@@ -1141,14 +1131,6 @@ class CrystalState(Result):
         """
         return self.network.scales
 
-    def _require_single(self) -> None:
-        if not self.is_single:
-            raise InputError(
-                f"the state holds {int(np.prod(self.shape))} loads",
-                "A network, atoms and phonons belong to one",
-                "Make a state with one load, as crystal.at_pressure(1e5) does, or take one of these: state[0]",
-            )
-
     @cached_property
     def limits(self) -> tuple[Check, ...]:
         """What limits the state, as conditions.
@@ -1194,7 +1176,7 @@ class CrystalState(Result):
         return tuple(said for check in self.limits if (said := check.warning) is not None)
 
     @cached_property
-    def _clamped(self) -> NDArray[np.bool_]:
+    def _clamped(self) -> Flags:
         """(n,) which balls are held."""
         held = np.zeros(self.crystal.n_balls, bool)
         for side in self.crystal._sides:
@@ -1202,7 +1184,7 @@ class CrystalState(Result):
         return held
 
     @cached_property
-    def _kept(self) -> NDArray[np.bool_]:
+    def _kept(self) -> Flags:
         """(n_c,) which contacts the network has: those that are closed, and not of two bodies that are held."""
         held, table = self._clamped, self.crystal.contacts
         between = [held[table.i] & held[table.j], *(held[one.balls] for one in self.crystal._floors)]
@@ -1221,7 +1203,10 @@ class CrystalState(Result):
         ``kinds`` are the names of the crystal, and "floor". Raises :class:`~granphon.base.errors.InputError` for several
         loads.
         """
-        self._require_single()
+        if not self.is_single:
+            what, why = f"the state holds {int(np.prod(self.shape))} loads", "A network, atoms and phonons belong to one"
+            mend = "Make a state with one load, as crystal.at_pressure(1e5) does, or take one of these: state[0]"
+            raise InputError(what, why, mend)
         crystal, table, follows = self.crystal, self.crystal.contacts, self.finite_overlap
         n, d, p = crystal.n_balls, crystal.dimension, crystal.periods
         floors = crystal._floors
@@ -1264,6 +1249,45 @@ class CrystalState(Result):
             adhesive=crystal._springs.adhere,
             kinds=(*(crystal.names[one] for one in crystal.kind.tolist()), *(RIGID_PLANE.name,) * extra), **own,
         )  # fmt: skip
+
+
+def list_balls(balls: Any) -> list[Any]:
+    """Return balls, the argument of a public call, as a list; one ball is a list of one."""
+    if isinstance(balls, str | Mapping | set | frozenset) or not isinstance(balls, Iterable | Ball):
+        raise InputError(f"the balls are {brief(balls)}", mend="Give a list of granphon.Ball")
+    return [balls] if isinstance(balls, Ball) else list(balls)
+
+
+def find_kinds(balls: Sequence[Any]) -> tuple[tuple[Ball, ...], Index]:
+    """Return the different balls in the order in which they come, and the number of the kind of each."""
+    if not balls:
+        raise InputError("there are no balls", mend="Give a list of granphon.Ball")
+    of_object: dict[int, int] = {}
+    kinds: dict[Ball, int] = {}
+    out = []
+    for ball in balls:
+        at = of_object.get(id(ball))
+        if at is None:
+            if not isinstance(ball, Ball):
+                raise InputError(f"{brief(ball)} is not a ball", mend="Give a granphon.Ball for each site")
+            at = of_object[id(ball)] = kinds.setdefault(ball, len(kinds))
+        out.append(at)
+    return tuple(kinds), np.array(out, np.intp)
+
+
+def name_kinds(kinds: Sequence[Ball], known: Mapping[Ball, str] | None = None) -> tuple[str, ...]:
+    """Return the name of each kind: that which is known or its own, or the next of the letters A, B, C, ..."""
+    names = {ball: (known or {}).get(ball) or ball.name for ball in kinds}
+    taken = {name for name in names.values() if name} | {RIGID_PLANE.name}
+    letters = (
+        "".join(one) for size in itertools.count(1) for one in itertools.product("ABCDEFGHIJKLMNOPQRSTUVWXYZ", repeat=size)
+    )
+    free = (one for one in letters if one not in taken)
+    found = tuple(names[ball] or next(free) for ball in kinds)
+    if len(set(found)) < len(found) or RIGID_PLANE.name in found:
+        twice = next(name for name in found if found.count(name) > 1 or name == RIGID_PLANE.name)
+        raise InputError(f"two kinds are called {twice!r}", "Laws are given by names", "Name each kind differently")
+    return found
 
 
 def _require_room(balls: int) -> None:

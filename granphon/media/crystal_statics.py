@@ -26,16 +26,14 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granphon.array.equilibrium import CARRIED_FORCE
 from granphon.array.krylov import conjugate_gradients
 from granphon.array.sparse_matrices import factorise
 from granphon.balls.contact_laws import PairLaw, opening_overlap
+from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import ConvergenceError, InputError, InstabilityError, MechanismError
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 #: residual, over the mean force, at which a state is at rest, and that which must be reached
 _TOLERANCE, _REQUIRED = 2e-15, 1e-12
 #: the first of these where the linear equations are solved by iteration
@@ -161,7 +159,7 @@ class Frame:
     """
 
     vector: Array
-    flat: NDArray[np.bool_]
+    flat: Flags
     motion: Any
     dimension: int
     cell: Array
@@ -244,7 +242,7 @@ class Push:
     """
 
     force: Array
-    held: NDArray[np.bool_]
+    held: Flags
     given: Array
     stress: Array | None
     pressed: Array
@@ -290,24 +288,14 @@ def settle(frame: Frame, springs: Springs, push: Push, start: Rest | None = None
                 return Rest(x, overlap, frame.vector / frame.distance[:, None])
             raise InputError(f"{push.words} presses nothing", "Contacts have no stiffness without a force")
         with np.errstate(all="ignore"):
-            while not np.all(np.isfinite(at := springs.overlap(size))) and size[0] > 1e-300:
+            while not np.all(np.isfinite(reached := springs.overlap(size))) and size[0] > 1e-300:
                 size = 0.5 * size  # a law may have a largest force
-        stiffness = springs.stiffness(at)
-        x = system.solve(stiffness, push.force - press.T @ (size + stiffness * (frame.offset - at)), 1e-3, float(size[0]))
+        stiffness = springs.stiffness(reached)
+        left = push.force - press.T @ (size + stiffness * (frame.offset - reached))
+        x = system.solve(stiffness, left, 1e-3, float(size[0]))
         overlap = frame.offset + np.asarray(press @ x)
-    x, overlap, residual = _descend(frame, springs, push, system, x, overlap)
-    if not springs.adhere or np.any(np.isinf(springs.tension)):
-        rounded = (np.abs(overlap) <= _ROUNDING * np.max(np.abs(overlap))) & (springs.tension == 0.0)
-        overlap = np.where(rounded, 0.0, overlap)
-    rest = Rest(x, overlap, frame.vector / frame.distance[:, None], residual)
-    return replace(rest, overlap=_open_light(springs, rest)) if np.any(frame.offset) and not springs.adhere else rest
-
-
-def _descend(
-    frame: Frame, springs: Springs, push: Push, system: _System, x: Array, overlap: Array
-) -> tuple[Array, Array, float]:
-    """Newton's method on the energy at small overlap: return unknowns, overlaps and the residual."""
-    press, free = frame.press, ~push.held
+    # Newton's method on the energy
+    free = ~push.held
     best, stalled, kept, first = math.inf, 0, (x, overlap), 0.0
     for _ in range(_STEPS):
         force = springs.force(overlap)
@@ -318,12 +306,10 @@ def _descend(
             raise _explain(frame, springs, push, opened=True)
         pull = np.where(free, push.force - press.T @ force, 0.0)
         residual = float(np.max(np.abs(pull) * frame.weights, initial=0.0)) / mean
-        if residual <= (_TOLERANCE if system.direct else _ITERATED):
-            return x, overlap, residual
         stalled = stalled + 1 if residual > 0.5 * best else 0
         if residual < best:
             best, kept = residual, (x, overlap)
-        if best <= _REQUIRED and stalled > 2:
+        if residual <= (_TOLERANCE if system.direct else _ITERATED) or (best <= _REQUIRED and stalled > 2):
             break
         stiffness = springs.stiffness(overlap)
         closed = stiffness[stiffness > 0.0]
@@ -341,16 +327,18 @@ def _descend(
             why = f"It bears a tension of up to {springs.tension[at]:.6g} N"
             error = InputError(f"{push.words} pulls contact {at} apart", why, "Press the crystal more")
         raise error
-    return *kept, best
+    x, overlap = kept
+    if not springs.adhere or np.any(np.isinf(springs.tension)):
+        rounded = (np.abs(overlap) <= _ROUNDING * np.max(np.abs(overlap))) & (springs.tension == 0.0)
+        overlap = np.where(rounded, 0.0, overlap)
+    rest = Rest(x, overlap, frame.vector / frame.distance[:, None], best)
+    return replace(rest, overlap=_open_light(springs, rest)) if np.any(frame.offset) and not springs.adhere else rest
 
 
 def _find_length(
     springs: Springs, overlap: Array, change: Array, force: Array, fall: float, residual: float
 ) -> float | None:
-    """Return the length of a step at which the energy no longer falls much; None if it falls without end.
-
-    ``fall`` is the work that the step does, per length, at its beginning.
-    """
+    """Return the length of a step at which the energy no longer falls much, at first by ``fall``; None if without end."""
     most = math.inf
     if springs.adhere:  # no contact may be torn on the way
         apart = change < 0.0
@@ -386,7 +374,7 @@ class _System:
     an earlier step where these are not too large, which they are in space, and the blocks of the balls elsewhere.
     """
 
-    def __init__(self, frame: Frame, press: Any, held: NDArray[np.bool_]) -> None:
+    def __init__(self, frame: Frame, press: Any, held: Flags) -> None:
         self.frame, self.free = frame, np.flatnonzero(~held)
         self.renew(press)
         self.direct = frame.dimension == 1 or len(self.free) <= _MOST_DIRECT
@@ -399,15 +387,12 @@ class _System:
 
     @property
     def is_floppy(self) -> bool:
-        """Whether motions cost no energy while all contacts touch, beside those of the whole; False where not probed.
-
-        Balls with no more contacts than dimensions are held: they are loose, wherever they are.
-        """
+        """Whether motions cost no energy while all contacts touch, beside those of the whole; False where not probed."""
         from scipy.sparse import eye_array
         from scipy.sparse.linalg import LinearOperator, eigsh
 
         frame, d = self.frame, self.frame.dimension
-        few = np.zeros(frame.motion.shape[1], bool)
+        few = np.zeros(frame.motion.shape[1], bool)  # of balls with no more contacts than dimensions: they are loose
         few[: frame.n_free] = np.repeat(np.diff((frame.motion[:, : frame.n_free : d] != 0).tocsc().indptr) <= d, d)
         press = self.press[:, ~few[self.free]]
         size, still = press.shape[1], len(self.drifts) + (d - frame.periods) * (d - frame.periods - 1) // 2
@@ -486,21 +471,17 @@ class _System:
                 return np.asarray(factors.solve((force / largest).astype(np.float32)) * largest, float)
 
         else:
-            blocks = self._find_blocks(stiffness, n)
+            # the inverse blocks (balls, d, d) of the displacements
+            columns = [self.press[:, a:n:d] for a in range(d)]
+            found = np.array([[one.multiply(other).T @ stiffness for other in columns] for one in columns])
+            found = np.moveaxis(found, 2, 0)
+            mean = float(np.mean(np.trace(found, axis1=1, axis2=2)))
+            blocks = np.asarray(np.linalg.inv(found + 1e-6 * mean * np.eye(d)), float)
 
             def solve(force: Array) -> Array:
                 return np.asarray(np.einsum("nab,nb->na", blocks, force.reshape(-1, d)).ravel())
 
         return lambda vector: self._stay(np.concatenate([solve(self._stay(vector)[:n]), vector[n:] / diagonal]))
-
-    def _find_blocks(self, stiffness: Array, n: int) -> Array:
-        """Return the inverse blocks (balls, d, d) of the ``n`` displacements."""
-        d = self.frame.dimension
-        columns = [self.press[:, a:n:d] for a in range(d)]
-        blocks = np.array([[one.multiply(other).T @ stiffness for other in columns] for one in columns])
-        blocks = np.moveaxis(blocks, 2, 0)
-        mean = float(np.mean(np.trace(blocks, axis1=1, axis2=2)))
-        return np.asarray(np.linalg.inv(blocks + 1e-6 * mean * np.eye(d)), float)
 
 
 # -- in the true geometry ---------------------------------------------------------------------------------------------------
@@ -591,13 +572,27 @@ class _Configuration:
 
     def find_step(self, system: _System, sign: float) -> Array:
         """Return the step (N,) of Newton's method; with ``sign`` -1 forces push balls back instead of aside."""
+        from scipy.sparse import coo_array
+
         if not system.factored:
             system.renew(self.press)
             return system.solve(self.stiffness, self.pull, 1e-4, self.mean)
         mean = float(np.mean(self.stiffness))
         matrix = self.derive(sign, 0.0 if sign > 0.0 else _ADDED * min(1.0, self.residual) * mean)
-        if sign > 0.0:
-            matrix = matrix - _follow(self.frame, self.push, self.deformed, self.area)
+        if sign > 0.0:  # less the derivative of the load, which follows the cell as that deforms
+            frame, push, inverse = self.frame, self.push, np.linalg.inv(self.deformed)
+            columns = np.zeros((len(self.x), len(frame.pairs)))
+            for number, (a, b) in enumerate(frame.pairs):
+                change = np.zeros_like(self.deformed)
+                change[a, b] = change[b, a] = 1.0 / frame.length
+                grown = self.area * float(np.trace(inverse @ change))
+                columns[:, number] = grown * push.pressed
+                if push.stress is not None:
+                    work = push.stress @ (grown * inverse - self.area * inverse @ change @ inverse)
+                    columns[frame.strains, number] = frame.work_of(0.5 * (work + work.T))
+            row, column = np.nonzero(columns)
+            entries = columns[row, column], (row, frame.n_free + column)
+            matrix = matrix - coo_array(entries, shape=(len(self.x), len(self.x))).tocsr()
         return _solve_indefinite(matrix, system.free, self.pull, mean)
 
     def search(self, step: Array) -> _Configuration:
@@ -612,7 +607,7 @@ class _Configuration:
             length = 0.5 * (low + high)
         return there
 
-    def lead(self, loose: NDArray[np.bool_], least: float) -> _Configuration:
+    def lead(self, loose: Flags, least: float) -> _Configuration:
         """Bring ``loose`` balls to rest, while the others are held: to ``least`` of the mean force."""
         from scipy.sparse.csgraph import connected_components
 
@@ -736,31 +731,10 @@ def settle_exactly(frame: Frame, springs: Springs, push: Push, start: Rest) -> R
 
 
 def _open_light(springs: Springs, rest: Rest) -> Array:
-    """Return the overlaps (n_c,), without those whose force may be a residual only, where nothing holds a ball.
-
-    Stiffness at such contacts would hold it.
-    """
+    """Return the overlaps (n_c,), without those whose force may be a residual only: their stiffness would hold a ball."""
     force = springs.force(rest.overlap)
     light = np.abs(force) <= CARRIED_FORCE * rest.residual * springs.size(force)
     return np.where(light, np.minimum(rest.overlap, springs.least), rest.overlap)
-
-
-def _follow(frame: Frame, push: Push, deformed: Array, area: float) -> Any:
-    """Return the sparse derivative of the load by the unknowns: it follows the cell as that deforms."""
-    from scipy.sparse import coo_array
-
-    size, inverse = frame.motion.shape[1], np.linalg.inv(deformed)
-    columns = np.zeros((size, len(frame.pairs)))
-    for number, (a, b) in enumerate(frame.pairs):
-        change = np.zeros_like(deformed)
-        change[a, b] = change[b, a] = 1.0 / frame.length
-        grown = area * float(np.trace(inverse @ change))
-        columns[:, number] = grown * push.pressed
-        if push.stress is not None:
-            work = push.stress @ (grown * inverse - area * inverse @ change @ inverse)
-            columns[frame.strains, number] = frame.work_of(0.5 * (work + work.T))
-    row, column = np.nonzero(columns)
-    return coo_array((columns[row, column], (row, frame.n_free + column)), shape=(size, size)).tocsr()
 
 
 def _solve_indefinite(matrix: Any, free: Index, right: Array, scale: float, held: Array | float = 0.0) -> Array:

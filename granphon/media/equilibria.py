@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granphon.array.equilibrium import THRESHOLD_FORCE, Equilibrium, array_shape, equilibrate, explain_too_small
 from granphon.array.geometry import ReducedLoad
@@ -15,11 +14,10 @@ from granphon.array.true_equilibrium import equilibrate_exactly
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
+from granphon.base.arrays import Array
 from granphon.base.errors import GranphonError, InputError
 from granphon.media.mean_field import AveragedLattice
 from granphon.media.medium import explain_untouched
-
-Array = NDArray[np.float64]
 
 
 def reduce_load(packing: Packing, load: Load) -> Array:
@@ -56,8 +54,7 @@ def require_load(packing: Packing, load: Load, largest: float) -> None:
         least = packing.width_units.reduced_force(float(np.min(hertz.at(load).force)))
         if least < THRESHOLD_FORCE:  # no threshold of rigidity is on a line
             what = f"a contact force of f* = {least:.3g} is below {THRESHOLD_FORCE:g}, the least that is simulated"
-            why = "On a line every medium is exact: all contacts carry the same force, and follow Hertz's law"
-            raise InputError(what, why, "Raise the load, or take another medium")
+            raise InputError(what, mend="Raise the load, or take another medium, which on a line is exact too")
     elif load.kind != "overlap":
         least = packing.width_units.reduced_force(float(np.min(hertz.at(load).force)))
         if packing.width and least < THRESHOLD_FORCE:

@@ -2,26 +2,32 @@
 
 :class:`FrictionHistory` holds it. Its fields are options of a :class:`~granphon.DirectSimulation`, some also of an
 :class:`~granphon.AutoMedium` and of a trade-off, which take them as flat keywords beside ``friction_history``; so do scenes.
-:meth:`FrictionHistory.read` reads all of these.
+:meth:`FrictionHistory.read` reads all of these. A :class:`LoadedSample` is one sample that is loaded so along a path: the
+sample at each load, and the error at which the path ends.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any, Self
 
 import numpy as np
 
-from granphon.array.geometry import ReducedLoad
-from granphon.array.history import REFINEMENT_TOLERANCE, START_SPACING
-from granphon.array.pressed_sample import SHEAR_RESPONSES
+from granphon.array.equilibrium import equilibrate
+from granphon.array.friction import PressedArray
+from granphon.array.geometry import ExactGeometry, ReducedLoad
+from granphon.array.history import REFINEMENT_TOLERANCE, START_SPACING, LoadingHistory
+from granphon.array.pressed_sample import SHEAR_RESPONSES, PressedEquilibrium, PressedSample
+from granphon.array.stencils import Stencils
 from granphon.array.stepper import GAS
+from granphon.balls.hertz import energy_of, force_of, overlap_of
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
-from granphon.base.errors import InputError, Refused
+from granphon.base.arrays import Array
+from granphon.base.errors import GranphonError, InputError, Refused
 from granphon.base.text import show
 from granphon.base.validation import choice, number, read_inside, real_number, truth
 from granphon.media.equilibria import prescribe
@@ -31,6 +37,8 @@ from granphon.media.medium import Option
 _STARTS = (-1.0, 1e6)
 #: the options of arrays that errors are measured against: they are loaded from the default start, in one direction
 REFERENCE_OPTIONS = ("friction_history", "friction_coefficient", "shear_response")
+#: fraction by which rounding may put a load below the start
+_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
@@ -70,10 +78,8 @@ class FrictionHistory:
             return cls(**given)
         for name, value in given.items():
             if value != HISTORY_OPTIONS[name].default:
-                found, mend = (
-                    f"{show(options[name])} without friction_history",
-                    "Samples then come to rest without friction.",
-                )
+                found = f"{show(options[name])} without friction_history"
+                mend = "Samples then come to rest without friction."
                 raise Refused(found, f"{name} together with friction_history: true", mend, (name,))
         return cls()
 
@@ -181,3 +187,128 @@ HISTORY_OPTIONS: Mapping[str, Option] = {
 }
 #: samples at rest without friction
 REST = FrictionHistory()
+
+
+# -- a sample that is loaded --------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class LoadedSample:
+    """One sample that is loaded with friction.
+
+    Attributes
+    ----------
+    packing, seed, deviations : the balls; their seed is None if their diameters were given.
+    history : how they are loaded.
+    ratio : W/d in the exact geometry of contacts; zero where they keep the directions of the lattice.
+    workers : number of threads for each Fourier transform.
+    """
+
+    packing: Packing
+    seed: int | None
+    deviations: Array
+    history: FrictionHistory
+    ratio: float
+    workers: int
+
+    def press(
+        self, path: Sequence[ReducedLoad], report: Callable[[], None] = lambda: None
+    ) -> tuple[list[PressedSample], GranphonError | None]:
+        """Load the sample along a path, and find its linear response at each load.
+
+        ``report`` is called after each load. An error ends the path and is returned with the samples found before it; its
+        ``load_index`` is the place of the load in the path, or None if the start is not found.
+        """
+        found: list[PressedSample] = []
+        try:
+            for one in self._press_different(path) if np.ptp(self.deviations) else self._press_equal(path):
+                sample = PressedSample(self.packing, self.seed, one, self.history.shear_response)
+                _ = sample.elastic_tensor  # every state needs it: found here, it is found in parallel
+                found.append(sample)
+                report()
+        except GranphonError as error:
+            error.reached = None  # what of the samples is reached, who asked for them puts together
+            return found, error
+        return found, None
+
+    def require_start(self, path: Sequence[ReducedLoad]) -> None:
+        """Raise as :meth:`press` does for a load below the start, which alone is solved; not for a start at the gas."""
+        if not self.history.ordered and np.ptp(self.deviations):
+            self._refuse(*self._begin(), path)
+
+    def _stencils(self, mindlin_ratio: float = 0.0) -> Stencils:
+        structure = self.packing.structure
+        return Stencils(self.deviations.shape[structure.n_balls > 1 :], mindlin_ratio, self.workers, structure)
+
+    def _begin(self) -> tuple[LoadingHistory, PressedArray]:
+        """Return the history of different balls, and their state at its start."""
+        stencils, own = self._stencils(self.packing.mindlin_ratio), self.history
+        geometry = ExactGeometry(stencils, self.deviations, self.ratio) if self.ratio else None
+        start = own.reduce_start(self.packing, bool(self.ratio))
+        mu = own.friction_coefficient
+        assert mu is not None
+        history = LoadingHistory(self.deviations, stencils, mu, own.step_tolerance, start, geometry=geometry)
+        try:
+            return history, history.begin()
+        except GranphonError as error:
+            error.option = "start"
+            raise
+
+    def _refuse(self, history: LoadingHistory, here: PressedArray, path: Sequence[ReducedLoad]) -> None:
+        """Raise for a load of the path below ``here``, the start; one that is ordered goes where it likes."""
+        if not self.history.ordered:
+            force = history.stepper.measure(here, path[0]) if path[0].overlap is None else here.force
+            require_above(ReducedLoad(here.overlap, force), path, isinstance(history.start, str))
+
+    def _press_different(self, path: Sequence[ReducedLoad]) -> Iterator[PressedEquilibrium]:
+        history, here = self._begin()
+        self._refuse(history, here, path)
+        states, smooth = history.path(path, here), self._stencils()
+        for place in range(len(path)):
+            try:
+                here = next(states)
+            except GranphonError as error:
+                error.load_index = place
+                raise
+            yield PressedEquilibrium.of(here, self.deviations, history.stencils, self.ratio).share(self.deviations, smooth)
+        smooth.forget()
+
+    def _press_equal(self, path: Sequence[ReducedLoad]) -> Iterator[PressedEquilibrium]:
+        """Yield the equilibria of equal balls, whose contacts never slip: all work of the load since the start is stored."""
+        stencils, smooth = self._stencils(self.packing.mindlin_ratio), self._stencils()
+        start, mu = self.history.reduce_start(self.packing, bool(self.ratio)), self.history.friction_coefficient
+        assert mu is not None
+        stored = 0.0  # mean energy of a contact at the start, in units of c W^(5/2); at the gas contacts begin
+        if isinstance(start, ReducedLoad):
+            overlap = overlap_of(start.force) if start.overlap is None else max(start.overlap, 0.0)
+            stored = float(energy_of(force_of(overlap), overlap))
+        for load in path:
+            rest = equilibrate(self.deviations, load, smooth)
+            state = LoadingHistory(self.deviations, stencils, mu, start=rest).begin()
+            state = replace(state, work=state.stored - stored)
+            yield PressedEquilibrium.of(state, self.deviations, stencils, 0.0).share(self.deviations, smooth)
+
+
+def require_above(start: ReducedLoad, path: Sequence[ReducedLoad], from_gas: bool = False) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` for the first load of a path that is below the start.
+
+    Of a start that is prescribed as a force alone overlaps are not looked at, and of one as an overlap forces.
+    """
+    for place, load in enumerate(path):
+        if load.overlap is None:
+            low, name = load.force < start.force * (1.0 - _ROUNDING), f"f* = {load.force:.4g}"
+        else:
+            low = start.overlap is not None and load.overlap < start.overlap - _ROUNDING
+            name = f"a* = {load.overlap + 0.5:.4g}"
+        if low:
+            known = [f"f* = {start.force:.4g}"] if start.force else []
+            known += [f"a* = {start.overlap + 0.5:.4g}"] if start.overlap is not None else []
+            what = f"the load {name} is below the start of the loading, {' at '.join(known)}"
+            why = "Samples are at rest without friction at the start, and loaded from there"
+            lower = "give a lower start, "
+            if from_gas:
+                why, lower = "Pressed from the gas, the sample stands there at first, and is loaded from there", ""
+            mend = f"Raise the load, {lower}or unload along a path: simulation.path(...), in a scene ordered: true"
+            error = InputError(what, why, mend)
+            error.load_index = place
+            raise error

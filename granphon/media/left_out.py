@@ -57,12 +57,6 @@ _OPEN_CONTACTS = {
 }
 
 
-def estimate_spacing(packing: Packing, load: Load) -> Array:
-    """Return the approximate a* of each value of an applied load."""
-    reduced = np.ravel(reduce_load(packing, load))
-    return reduced if load.kind == "overlap" else find_spacing(packing, reduced)
-
-
 def find_spacing(packing: Packing, force: Array) -> Array:
     """Return the approximate a* of reduced forces."""
     alike = np.asarray(0.5 + overlap_of(force))

@@ -1,20 +1,22 @@
-"""The media that are contact laws: averaged lattice, averaged force, and effective medium.
+"""The media that are contact laws: averaged lattice, averaged force, effective medium, and cluster medium.
 
 A medium turns a packing and a load into a :class:`ContactState`. The media of Section III are, in order of accuracy, the
 averaged lattice (equations 23 and 24), the averaged force (25) and the effective medium (28-46). They differ only in their
 contact law. For equal balls all are the averaged lattice, which is then exact. So they are on a line, where all contacts
 carry the same force even if balls differ.
+
+The cluster medium goes a step beyond the effective medium, whose cluster is one ball: a ball and its shells, each with a
+diameter of its own, among balls that differ too. See :mod:`granphon.laws.cluster_balance`.
 """
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granphon.balls.diameters import Discrete, Measured
 from granphon.balls.distributions import PointShape
@@ -22,14 +24,15 @@ from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.loads import Load, require_compressive
 from granphon.balls.packing import Packing, given_packing, require_shallow
 from granphon.base.errors import InputError, brief
-from granphon.base.validation import choice, is_one_of
+from granphon.base.validation import choice, is_one_of, whole, whole_number
+from granphon.dynamics.cluster_response import ClusterResponse, cluster_response, cluster_sizes
 from granphon.dynamics.local_field import LocalField, local_field, paper_local_field
+from granphon.laws.cluster import VALID_FORCE, ClusterLaw
 from granphon.laws.effective import EffectiveLaw
 from granphon.laws.spread import AveragedLaw
-from granphon.media.medium import MediumBase, Option, explain_untouched
+from granphon.media.medium import Medium, Option, explain_untouched
 from granphon.media.state import ContactState, Law, read_finite_overlap
 
-Array = NDArray[np.float64]
 #: least normal number of double precision; smaller numbers have lost digits
 _LEAST_NORMAL = np.finfo(float).tiny
 #: rough time of the effective medium, s: for a density of diameters, and for 64 listed ones
@@ -44,7 +47,7 @@ _LOCAL_FIELDS = ("computed", "paper")
 
 
 @dataclass(frozen=True)
-class LawMedium(MediumBase[ContactState]):
+class LawMedium(Medium[ContactState]):
     """A medium that consists of a contact law: ``at_*`` take scalars or arrays, in SI.
 
     A medium of your own is a subclass with a ``name``, its ``words`` in figures, and :attr:`spread_law`.
@@ -87,7 +90,21 @@ class LawMedium(MediumBase[ContactState]):
                     raise explain_untouched(load, -law.least_overlap)
                 force = np.asarray(law.force(overlap))
             elif load.kind == "pressure":
-                force, overlap = self._solve_at_pressure(load, follows)
+                # P a^(p-1) is the lattice's pressure factor times f if the boundary follows the balls, else P d^(p-1)
+                power = periods - 1
+                slope = load.array / self.packing.structure.pressure_factor  # force over spacing to the power p - 1
+                force = slope * diameter**power
+                overlap = np.asarray(law.overlap(force))
+                # solve f(delta) = slope (d - delta)^(p - 1): f rises and is convex, and the other side falls, so that
+                # Newton's method descends from a larger overlap
+                for _ in range(100 if follows and power else 0):
+                    spacing = diameter - overlap
+                    slide = power * slope * spacing ** (power - 1)
+                    step = (law.force(overlap) - slope * spacing**power) / (law.stiffness(overlap) + slide)
+                    overlap = overlap - step
+                    if np.all(np.abs(step) <= 4e-16 * np.abs(overlap)):
+                        break
+                force = np.asarray(law.force(overlap)) if follows and power else force
             else:
                 force, overlap = load.array, np.asarray(law.overlap(load.array))
             stiffness = np.asarray(law.stiffness(overlap))
@@ -102,29 +119,6 @@ class LawMedium(MediumBase[ContactState]):
             packing=self.packing, medium=self.name, law=law, force=force[()], overlap=overlap[()],
             normal_stiffness=stiffness[()], finite_overlap=follows,
         )  # fmt: skip
-
-    def _solve_at_pressure(self, load: Load, follows: bool) -> tuple[Array, Array]:
-        """Find force (N) and overlap (m) of a contact at given pressures.
-
-        If the boundary ``follows`` the balls, P a^(p-1) is the lattice's pressure factor times f (sqrt(3) on the triangular
-        lattice, 2 sqrt(2) in fcc); otherwise P d^(p-1) is.
-        """
-        law, d, power = self.law, self.packing.diameter, self.packing.structure.periods - 1
-        slope = load.array / self.packing.structure.pressure_factor  # force over spacing to the power p - 1
-        force = slope * d**power
-        delta = np.asarray(law.overlap(force))
-        if not follows or not power:
-            return force, delta
-        # solve f(delta) = slope (d - delta)^(p - 1): f rises and is convex, and the other side falls, so that Newton's
-        # method descends from a larger overlap
-        for _ in range(100):
-            spacing = d - delta
-            slide = power * slope * spacing ** (power - 1)
-            step = (law.force(delta) - slope * spacing**power) / (law.stiffness(delta) + slide)
-            delta = delta - step
-            if np.all(np.abs(step) <= 4e-16 * np.abs(delta)):
-                break
-        return np.asarray(law.force(delta)), delta
 
 
 @dataclass(frozen=True)
@@ -256,3 +250,92 @@ class EffectiveMedium(LawMedium):
         if not spread or self.local_field.is_determinate:
             return law
         return EffectiveLaw(law.coefficient, spread.width, spread.shape, self.local_field.xi)
+
+
+@dataclass(frozen=True)
+class ClusterMedium(LawMedium):
+    """The cluster medium: a cluster of balls that differ, in the lattice whose stiffness it has, among balls that differ.
+
+    It is valid from f* = 0.03; ``valid`` of a state says so. It is solved from f* = 0.003. Means are over quasi-random
+    diameters, so many that their standard error is below 1e-4 of the force where the medium is valid. The first state takes
+    half a minute with the first shell and up to a minute and a half with more, of one processor; all processors share this.
+    The law is then kept for its distribution, lattice, Mindlin ratio and number of balls.
+
+    Parameters
+    ----------
+    packing : the balls, on any lattice that stands with its motions.
+    balls : number of balls of the cluster, one that completes a shell: 7, 19 or 37 on the triangular lattice, 13 in fcc and
+        hcp. None is the first shell: the ball in the middle and the balls that touch it.
+
+    Raises
+    ------
+    InputError : a number of balls that no shell completes; the message lists the numbers of complete shells. From ``law``
+        and ``at_*``, a :class:`~granphon.base.errors.MechanismError` if the lattice has a motion that costs no energy.
+    """
+
+    name, words = "cluster", "cluster medium"
+    slow_part = "the cluster medium"
+
+    packing: Packing
+    balls: int | None = None
+
+    options = {"balls": Option(balls, partial(whole, low=2, high=100))}
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        sizes = cluster_sizes(self.packing.structure)
+        given = sizes[0] if self.balls is None else whole_number("balls", self.balls, 2)
+        if given not in sizes:
+            what = f"balls is {given}, and no shell of the {self.packing.structure.name} lattice completes so many"
+            raise InputError(what, mend="Give " + " or ".join(map(str, sizes)))
+        if self.balls == sizes[0]:
+            object.__setattr__(self, "balls", None)
+
+    @property
+    def n_balls(self) -> int:
+        """Number of balls of the cluster."""
+        return cluster_sizes(self.packing.structure)[0] if self.balls is None else self.balls
+
+    @property
+    def response(self) -> ClusterResponse:
+        """How the lattice answers the contacts of the cluster."""
+        packing = self.packing
+        return cluster_response(packing.structure, packing.mindlin_ratio, self.n_balls, packing.bending)
+
+    @property
+    def is_quick(self) -> bool:
+        """Whether its states take less than 0.1 s, as for equal balls."""
+        return not self.packing.width
+
+    def prepare(self) -> None:
+        """Find the response around balls that differ, which not every lattice has."""
+        if self.packing.width:
+            _ = self.response
+
+    @property
+    def long_law(self) -> ClusterLaw | None:
+        """The law in reduced units, which has neither a width nor a coefficient; None of equal balls and on a line."""
+        law = self.law
+        return replace(law, coefficient=1.0, width=1.0) if isinstance(law, ClusterLaw) else None
+
+    @property
+    def quadrature_error(self) -> float:
+        """Largest relative standard error of the force where the medium is valid, from the quadrature; 0 for equal balls."""
+        law = self.law
+        if not isinstance(law, ClusterLaw):
+            return 0.0
+        curve = law.curve
+        lowest = float(curve.overlap(np.array(VALID_FORCE)))
+        y = np.append(curve.nodes[curve.nodes > lowest], lowest)
+        return float(np.max(law.quadrature_error(y * law.width)))
+
+    @property
+    def spread_law(self) -> Law:
+        """Contact law of the medium for balls that differ, in SI."""
+        packing, spread = self.packing, self.packing.spread
+        # where all contacts must carry one force, as on a chain, balls that differ are as good as equal ones
+        if not spread or self.response.is_fixed:
+            return packing.law
+        coefficient, shape = packing.law.coefficient, spread.shape
+        eta, balls = packing.mindlin_ratio, self.n_balls
+        return ClusterLaw(coefficient, spread.width, shape, packing.structure, eta, balls, packing.bending)

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar, runtime_checkable
+from typing import Any, ClassVar, Generic, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,43 +14,12 @@ from numpy.typing import ArrayLike
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.motions import Motions
-from granphon.balls.packing import Packing
 from granphon.base.errors import InputError
 from granphon.base.validation import Rule
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.local_field import LocalField
 from granphon.laws.cluster import ClusterLaw
 from granphon.media.state import ContactState
-
-
-@runtime_checkable
-class Medium(Protocol):
-    """The interface of every medium: the state of a packing at a given load.
-
-    ``finite_overlap`` says whether to keep the terms of relative order delta/d; None and False leave them out. The state
-    stores the choice, and all functions of a state read it there.
-    """
-
-    @property
-    def packing(self) -> Packing:
-        """The balls under load."""
-        ...
-
-    def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
-        """State at a load of any kind."""
-        ...
-
-    def at_force(self, force: ArrayLike, *, finite_overlap: bool | None = None) -> ContactState:
-        """State at the mean contact force f, N."""
-        ...
-
-    def at_pressure(self, pressure: ArrayLike, *, finite_overlap: bool | None = None) -> ContactState:
-        """State at the pressure P (N/m, Pa or N), on a boundary that shrinks with the balls if ``finite_overlap``."""
-        ...
-
-    def at_overlap(self, overlap: ArrayLike, *, finite_overlap: bool | None = None) -> ContactState:
-        """State at the overlap delta = d - a, m."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -67,8 +36,12 @@ _LEAST_PUSH = 1e-30
 StateT = TypeVar("StateT", bound=ContactState, covariant=True)
 
 
-class MediumBase(ABC, Generic[StateT]):
-    """Base class of the media: the three ways to give a load, each of which calls :meth:`at`."""
+class Medium(ABC, Generic[StateT]):
+    """A medium: the state of a packing at a given load, which is given in three ways, each of which calls :meth:`at`.
+
+    ``finite_overlap`` says whether to keep the terms of relative order delta/d; None and False leave them out. The state
+    stores the choice, and all functions of a state read it there.
+    """
 
     # the balls under load
     packing: Any

@@ -23,6 +23,7 @@ from granphon.array.geometry import ReducedLoad, require_small
 from granphon.array.pressed_sample import PressedSample
 from granphon.array.sample import STEP, Sample, jackknife, standard_error
 from granphon.array.stencils import Stencils
+from granphon.balls.contact_laws import EnergyLaw
 from granphon.balls.diameters import Measured
 from granphon.balls.hertz import HertzLaw
 from granphon.balls.lattices import Lattice, as_direction
@@ -36,7 +37,7 @@ from granphon.base.validation import choice, finite_array, lengths, require, who
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.tensors import bulk_and_shear, longitudinal_modulus, symmetrise, waves_of_tensor
 from granphon.media.equilibria import find_equilibria, find_equilibrium, prescribe, require_load, share_array
-from granphon.media.friction_history import HISTORY_OPTIONS, FrictionHistory
+from granphon.media.friction_history import HISTORY_OPTIONS, FrictionHistory, LoadedSample, require_above
 from granphon.media.left_out import (
     EXACT,
     GEOMETRIES,
@@ -46,8 +47,7 @@ from granphon.media.left_out import (
     choose_geometries,
     estimate_shear_deficit,
 )
-from granphon.media.loading import LoadedSample, require_above
-from granphon.media.medium import MediumBase, Option
+from granphon.media.medium import Medium, Option
 from granphon.media.state import ContactState, read_finite_overlap
 
 Array = NDArray[np.float64]
@@ -72,11 +72,12 @@ _SLOW_FORCE = 0.0015
 
 
 @dataclass(frozen=True)
-class SampleLaw:
+class SampleLaw(EnergyLaw):
     """The contact law of a simulation: mean force, stiffness and energy of a contact against the overlap.
 
     Methods take scalars or arrays of overlaps, m: floats in, floats out. Each overlap needs an equilibrium of every sample,
-    which is found at the first request. The equilibria at the last 64 overlaps are kept.
+    which is found at the first request. The equilibria at the last 64 overlaps are kept. The variance of the slope of the
+    stiffness is infinite.
 
     Attributes
     ----------
@@ -110,21 +111,8 @@ class SampleLaw:
     def __reduce__(self) -> tuple[Any, ...]:
         return SampleLaw, (self.simulation,)  # a copy starts without the samples that are kept
 
-    def energy(self, overlap: ArrayLike) -> Any:
-        """Return the mean energy of a contact, J."""
-        return self._average_at(overlap, lambda sample: sample.energy)
-
-    def force(self, overlap: ArrayLike) -> Any:
-        """Return the mean contact force f, N."""
-        return self._average_at(overlap, lambda sample: sample.force)
-
-    def stiffness(self, overlap: ArrayLike) -> Any:
-        """Return the mean normal stiffness df/d(delta), N/m."""
-        return self._average_at(overlap, lambda sample: sample.normal_stiffness)
-
-    def stiffness_slope(self, overlap: ArrayLike) -> Any:
-        """Return the slope of the stiffness of these samples, d^2f/d(delta)^2, N/m^2, whose variance is infinite."""
-        return self._average_at(overlap, lambda sample: sample.stiffness_slope)
+    def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
+        return self._average_at(overlap, attrgetter(("energy", "force", "normal_stiffness", "stiffness_slope")[order]))
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
         """Return the force fluctuation over the balls, the ratio Delta f / f, at each ``overlap``, m."""
@@ -375,7 +363,7 @@ class SimulatedState(ContactState):
 
     def branch_scales(self, direction: ArrayLike, names: Sequence[str]) -> list[Array]:
         """Return the velocities (m/s) that scale each branch of the ideal lattice to the long waves of the samples."""
-        found, ideal = self.long_waves(direction), self.loaded_lattice.find_waves(direction)[0]
+        found, ideal = self.long_waves(direction), super().polarised_waves(direction)[0]
         places, scales = [self.wave_names.index(name) for name in names], super().branch_scales(direction, names)
         return [np.asarray(found[..., i] / (ideal[..., i] / scale)) for i, scale in zip(places, scales, strict=True)]
 
@@ -496,7 +484,7 @@ def read_geometry(value: Any) -> str | None:
 
 
 @dataclass(frozen=True, eq=False)
-class DirectSimulation(MediumBase[SimulatedState]):
+class DirectSimulation(Medium[SimulatedState]):
     """The medium that simulates samples of the packing, ball by ball, at rest under load.
 
     Parameters
@@ -577,17 +565,50 @@ class DirectSimulation(MediumBase[SimulatedState]):
         history = self.history
         for name, value in history.options.items():
             object.__setattr__(self, name, value)
-        held = history.from_gas and history.friction_coefficient != 0
-        require_standing(self.packing, history.is_loaded, history.is_loaded and held)
-        periods, shape = self.packing.structure.periods, self.shape
+        # the balls move as simulated balls do, and stand without friction, or are held by it from the gas on
+        packing, structure, shape = self.packing, self.packing.structure, self.shape
+        periods, own = structure.periods, next(iter(allowed_motions(structure.periods).values()))
+        if structure.dimension > periods or packing.motions not in (None, own.name):
+            what, mend = f"the motions {packing.motions!r}", f"Use another medium, or the motions {own.name!r}"
+            if structure.dimension > periods:
+                what, mend = f"a lattice of {periods} periods in space", "Use another medium"
+            why = "Simulated balls move along the periods of their lattice"
+            raise InputError(f"balls with {what} are not simulated", why, mend)
+        held = history.is_loaded and history.from_gas and history.friction_coefficient != 0
+        if not held and (falls := _explain_fall(structure, own)) is not None:
+            what = f"the {structure.name} lattice is not simulated, because it does not stand without friction"
+            mend = "use another medium, or a lattice with more contacts, such as triangular or fcc"
+            friction = "" if packing.friction else "friction: true of the packing and "
+            if ContactLattice.of(structure, packing.material.mindlin_ratio, bending=packing.bending).mechanism:
+                mend = f"Friction does not hold it either: {mend}"
+            elif history.is_loaded:
+                keys = f"{friction}start: gas, and a friction_coefficient above zero"
+                mend = f"Start the history at the gas ({keys}), from which friction holds it; or {mend}"
+            else:
+                keys = f"{friction}friction_history: true with a friction_coefficient and start: gas"
+                mend = f"A simulation with {keys} simulates it; or {mend}"
+            raise MechanismError(what, falls, mend)
         if shape is not None:
             shape = require("shape", partial(lengths, low=1, high=_MOST_SIDE, periods=periods), shape)
             if math.prod(shape) > _MOST_CELLS:
                 what = f"shape is {shape}, which are {float(math.prod(shape)):.3g} cells"
                 raise InputError(what, f"No memory holds more than {_MOST_CELLS:.3g}", "Give fewer")
         object.__setattr__(self, "shape", shape or DEFAULT_SHAPES[periods])
-        if self.diameters is not None:
-            self._take_diameters(self.diameters)
+        if self.diameters is not None:  # the sample takes their shape, and the packing their spread if it has none
+            array, n = read_only(finite_array("diameters", self.diameters, "m", "above zero")), structure.n_balls
+            if array.ndim != periods + (n > 1) or (n > 1 and array.shape[-1] != n):
+                wanted = ", ".join([*(f"L{axis + 1}" for axis in range(periods)), *[str(n)] * (n > 1)])
+                raise InputError(f"diameters have the shape {array.shape}", mend=f"Give an array ({wanted})")
+            if packing.spread is None and np.ptp(array):
+                # the packing takes the mean of the shifted list, which rounding may have changed
+                spread = Measured(tuple((packing.diameter + (array - np.mean(array))).ravel().tolist()))
+                packing = replace(packing, spread=spread, diameter=spread.mean)
+            object.__setattr__(self, "packing", packing)
+            object.__setattr__(self, "diameters", array)
+            if self.shape not in (DEFAULT_SHAPES[periods], array.shape[:periods]):
+                what = f"shape is {self.shape!r}, and the diameters have the shape {array.shape}"
+                raise InputError(what, "The diameters determine the shape of the sample", "Leave shape out")
+            object.__setattr__(self, "shape", array.shape[:periods])
         if 0.0 < self.packing.width < _LEAST_WIDTH * self.packing.diameter:
             what = f"the width of the diameters is {self.packing.relative_width:.3g} of their mean"
             raise InputError(what, f"Samples are simulated from {_LEAST_WIDTH:g} on", "Leave the spread out")
@@ -646,25 +667,6 @@ class DirectSimulation(MediumBase[SimulatedState]):
         """Everything that determines the results, except the values of given diameters."""
         given = self.diameters is not None
         return self.packing, self.shape, self.seed, self.samples, given, self.geometry, self.history
-
-    def _take_diameters(self, diameters: ArrayLike) -> None:
-        """Store given diameters (m); the sample takes their shape, and the packing their spread if it has none."""
-        array, packing = read_only(finite_array("diameters", diameters, "m", "above zero")), self.packing
-        lengths, n = packing.structure.periods, packing.structure.n_balls
-        if array.ndim != lengths + (n > 1) or (n > 1 and array.shape[-1] != n):
-            wanted = ", ".join([*(f"L{axis + 1}" for axis in range(lengths)), *[str(n)] * (n > 1)])
-            raise InputError(f"diameters have the shape {array.shape}", mend=f"Give an array ({wanted})")
-        if packing.spread is None and np.ptp(array):
-            # the packing takes the mean of the shifted list, which rounding may have changed
-            spread = Measured(tuple((packing.diameter + (array - np.mean(array))).ravel().tolist()))
-            packing = replace(packing, spread=spread, diameter=spread.mean)
-        object.__setattr__(self, "packing", packing)
-        object.__setattr__(self, "diameters", array)
-        own = array.shape[:lengths]
-        if self.shape not in (DEFAULT_SHAPES[lengths], own):
-            what = f"shape is {self.shape!r}, and the diameters have the shape {array.shape}"
-            raise InputError(what, "The diameters determine the shape of the sample", "Leave shape out")
-        object.__setattr__(self, "shape", own)
 
     @property
     def cells(self) -> tuple[int, ...]:
@@ -761,8 +763,22 @@ class DirectSimulation(MediumBase[SimulatedState]):
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> SimulatedState:
         """Return the state at a load; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap` take its value in SI."""
         load, wanted = load.applied, read_finite_overlap(finite_overlap)
-        if self.geometry is None:
-            return self._join(load, finite_overlap)
+        if self.geometry is None:  # each load has its own
+            self.require(load)
+            groups = self.by_geometry(load, finite_overlap)
+            if finite_overlap is not None:  # one geometry at all loads
+                return groups[0][0].at(load, finite_overlap=finite_overlap)
+            joined: list[list[Any]] = [[]] * load.size
+            for one, places in groups:
+                try:
+                    states = one.at(load.flat[places]).samples
+                except GranphonError as error:
+                    if error.load_index is not None:
+                        error.load_index = places[error.load_index]
+                    raise
+                for row, place in enumerate(places):
+                    joined[place] = list(states[row * self.samples : (row + 1) * self.samples])
+            return SimulatedState.of(self, [one for each in joined for one in each], load)
         if wanted and not self.is_exact:
             raise no_finite_overlap(self.name)
         if finite_overlap is not None and self.is_exact and not wanted:
@@ -774,9 +790,9 @@ class DirectSimulation(MediumBase[SimulatedState]):
         given = self.packing.structure, prescribed, self.workers, self.ratio
         every = [read_only(self.deviations(index)) for index in range(self.samples)]
         if self.executor is None:
-            found = [find_equilibria(one, *given) for one in every]
+            found = [find_equilibria(own, *given) for own in every]
         else:
-            jobs = [self.executor.submit(find_equilibria, one, *given) for one in every]
+            jobs = [self.executor.submit(find_equilibria, own, *given) for own in every]
             found = [share_array(job.result(), self.workers) for job in jobs]
         samples = [
             Sample(self.packing, self.seed_of(index), equilibria[place])
@@ -784,24 +800,6 @@ class DirectSimulation(MediumBase[SimulatedState]):
             for index, equilibria in enumerate(found)
         ]
         return SimulatedState.of(self, samples, load)
-
-    def _join(self, load: Load, finite_overlap: bool | None) -> SimulatedState:
-        """Return the state at loads of which each has its own geometry."""
-        self.require(load)
-        groups = self.by_geometry(load, finite_overlap)
-        if finite_overlap is not None:  # one geometry at all loads
-            return groups[0][0].at(load, finite_overlap=finite_overlap)
-        samples: list[list[Any]] = [[]] * load.size
-        for one, places in groups:
-            try:
-                found = one.at(load.flat[places]).samples
-            except GranphonError as error:
-                if error.load_index is not None:
-                    error.load_index = places[error.load_index]
-                raise
-            for row, place in enumerate(places):
-                samples[place] = list(found[row * self.samples : (row + 1) * self.samples])
-        return SimulatedState.of(self, [one for each in samples for one in each], load)
 
     def path(
         self, load: Load | None = None, *, force: ArrayLike | None = None, pressure: ArrayLike | None = None,
@@ -826,8 +824,7 @@ class DirectSimulation(MediumBase[SimulatedState]):
             mend = "Give force=[...] (N), pressure=[...] or overlap=[...] (m), or a Load of granphon.balls.loads"
             raise InputError(what, "It does not say what kind of load that is", mend)
         elif kinds := [kind for kind, values in given.items() if values is not None]:
-            what = f"the loads of a path are given as a Load and as {' and '.join(kinds)}"
-            raise InputError(what, mend="Give one")
+            raise InputError(f"the loads of a path are given as a Load and as {' and '.join(kinds)}", mend="Give one")
         load = load.applied
         simulation = replace(self, ordered=True)
         return simulation._press(load, simulation.prescribed(load), progress)
@@ -935,40 +932,6 @@ def no_finite_overlap(medium: str) -> InputError:
     what = f"the medium {medium!r} has no terms of finite overlap"
     why = "Its linear response is found in the limit of spread and overlap small against the diameter"
     return InputError(what, why, "Leave finite_overlap out, simulate with geometry exact, or take another medium")
-
-
-def require_standing(packing: Packing, history: bool = False, by_friction: bool = False) -> None:
-    """Raise an error unless the balls of a packing stand without friction, and move as simulated balls do.
-
-    They need not stand without it if they are held ``by_friction``. The error says what would simulate them; whether they
-    are loaded with a ``history`` of friction makes a difference there.
-
-    Raises :class:`~granphon.base.errors.MechanismError` for a lattice that has a motion without a cost in energy, and
-    :class:`~granphon.base.errors.InputError` for motions that a simulation does not have.
-    """
-    structure = packing.structure
-    own = next(iter(allowed_motions(structure.periods).values()))  # along the periods of the lattice
-    if structure.dimension > structure.periods or packing.motions not in (None, own.name):
-        what, mend = f"the motions {packing.motions!r}", f"Use another medium, or the motions {own.name!r}"
-        if structure.dimension > structure.periods:
-            what, mend = f"a lattice of {structure.periods} periods in space", "Use another medium"
-        why = "Simulated balls move along the periods of their lattice"
-        raise InputError(f"balls with {what} are not simulated", why, mend)
-    falls = None if by_friction else _explain_fall(structure, own)
-    if falls is None:
-        return
-    what = f"the {structure.name} lattice is not simulated, because it does not stand without friction"
-    mend = "use another medium, or a lattice with more contacts, such as the triangular lattice, fcc or hcp"
-    friction = "" if packing.friction else "friction: true of the packing and "
-    if ContactLattice.of(structure, packing.material.mindlin_ratio, bending=packing.bending).mechanism:
-        mend = f"Friction does not hold it either: {mend}"
-    elif history:
-        keys = f"{friction}start: gas, and a friction_coefficient above zero"
-        mend = f"Start the history at the gas ({keys}), from which friction holds it; or {mend}"
-    else:
-        keys = f"{friction}friction_history: true with a friction_coefficient and start: gas"
-        mend = f"A simulation with {keys} simulates it; or {mend}"
-    raise MechanismError(what, falls, mend)
 
 
 @lru_cache(maxsize=64)

@@ -1,8 +1,8 @@
 """States: what velocities, moduli, pulses and phonons are found from.
 
-The state that every medium returns is that of the contacts of a packing under load (:class:`ContactState`), whose lattice is
-:class:`LoadedLattice`. A network of contacts is the state of what repeats without end: the cell of a crystal, a ribbon, a
-sample's own cell (:class:`NetworkState`).
+The state that every medium returns is that of the contacts of a packing under load (:class:`ContactState`). A network of
+contacts is the state of what repeats without end: the cell of a crystal, a ribbon, a sample's own cell
+(:class:`NetworkState`).
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.balls.contact_laws import PairLaw
 from granphon.balls.hertz import MUCH_LARGER, HertzLaw
 from granphon.balls.packing import MINDLIN, Packing
 from granphon.base.errors import InputError, brief
@@ -42,7 +43,7 @@ Array = NDArray[np.float64]
 Values = Any
 
 
-class ContactLaw(Protocol):
+class ContactLaw(PairLaw, Protocol):
     """The contact law of a medium: scalars or arrays of any shape; floats in, floats out.
 
     ``overlap`` is delta in m, ``force`` the mean contact force f in N.
@@ -56,26 +57,6 @@ class ContactLaw(Protocol):
     @property
     def least_overlap(self) -> float:
         """The overlap up to which all balls are apart, m."""
-        ...
-
-    def energy(self, overlap: ArrayLike) -> Any:
-        """Return the energy of a contact, J."""
-        ...
-
-    def force(self, overlap: ArrayLike) -> Any:
-        """Return the mean contact force f, N."""
-        ...
-
-    def stiffness(self, overlap: ArrayLike) -> Any:
-        """Return the normal stiffness df/d(delta), N/m."""
-        ...
-
-    def stiffness_slope(self, overlap: ArrayLike) -> Any:
-        """Return the slope of the stiffness, d^2f/d(delta)^2, N/m^2."""
-        ...
-
-    def overlap(self, force: ArrayLike) -> Any:
-        """Return the overlap delta at a mean contact force, m."""
         ...
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:
@@ -96,9 +77,6 @@ Found = TypeVar("Found")
 Law = HertzLaw | AveragedLaw | EffectiveLaw | ClusterLaw | ContactLaw
 
 
-# -- the lattice of the contacts of a packing -------------------------------------------------------------------------
-
-
 def ideal_lattice(packing: Packing, torsion: float | None = None, bending: float | None = None) -> ContactLattice:
     """Return the lattice of contacts in the paper's limit, in reduced units.
 
@@ -110,131 +88,6 @@ def ideal_lattice(packing: Packing, torsion: float | None = None, bending: float
         packing.structure, packing.mindlin_ratio, torsion=twist,
         bending=packing.bending if bending is None else bending, motions=packing.ball_motions,
     )  # fmt: skip
-
-
-@dataclass(frozen=True, eq=False)
-class LoadedLattice:
-    """The lattice of equal contacts of a packing, at each of some loads.
-
-    Attributes
-    ----------
-    packing : the balls.
-    force, stiffness : mean contact force, N, and normal stiffness k, N/m, at each load.
-    relative_overlap : delta/d at each load.
-    finite_overlap : whether it has the terms of relative order delta/d: the spacing a, the lever arm a/2, the prestress f/a.
-    """
-
-    packing: Packing
-    force: Any
-    stiffness: Any
-    relative_overlap: Any
-    finite_overlap: bool
-
-    @property
-    def is_one(self) -> bool:
-        """Whether the lattice, in reduced units, is the same at all loads."""
-        return not np.shape(self.force) or not (self.finite_overlap or self.packing.torsion == MINDLIN)
-
-    @cached_property
-    def without_overlap(self) -> ContactLattice:
-        """The lattice, in reduced units, without terms of finite overlap.
-
-        The torsion of a Hertz contact is that at the largest load. What does not depend on the load is read from this
-        lattice: the names of waves, mechanisms, isotropy.
-        """
-        hertz = self.packing.torsion == MINDLIN
-        return ideal_lattice(self.packing, float(np.max(self._torsion)) if hertz else None)
-
-    @property
-    def contacts(self) -> ContactLattice:
-        """The lattice in reduced units, of a single load unless it :attr:`is_one` of all."""
-        packing = self.packing
-        if not self.finite_overlap and packing.torsion != MINDLIN:
-            return ideal_lattice(packing)
-        spacing, load = (1.0 - self.relative_overlap, float(self._prestress)) if self.finite_overlap else (1.0, 0.0)
-        return ContactLattice.of(
-            packing.structure, packing.mindlin_ratio, spacing, load,
-            torsion=float(self._torsion), bending=packing.bending, motions=packing.ball_motions,
-        )  # fmt: skip
-
-    @property
-    def velocity_scale(self) -> Array:
-        """Unit of velocity d (k/M)^1/2 at each load, m/s."""
-        return np.asarray(self.packing.diameter * (np.sqrt(self.stiffness) / np.sqrt(self.packing.mass)))
-
-    @property
-    def elastic_tensor(self) -> Array:
-        """Elastic tensor in Voigt order, (..., 3, 3) in the plane.
-
-        It is in Pa, in the plane for a layer one diameter thick; of a chain in N. Raises
-        :class:`~granphon.base.errors.MechanismError` if a motion costs no energy.
-        """
-        # with finite overlap the spacing a stands in place of d in space and on a line; the layer of a plane stays d thick
-        d, k = self.packing.diameter, self.stiffness
-        spacing = d * (1.0 - np.asarray(self.relative_overlap)) if self.finite_overlap else d
-        scale = np.asarray({1: k * spacing, 2: k / d, 3: k / spacing}[self.packing.structure.periods])
-        return scale[..., None, None] * self._at_each_load(ContactLattice.elastic_tensor)
-
-    def find_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
-        """Return velocities, m/s, and polarisations of long waves, in the order of the lattice's ``wave_names``.
-
-        The velocities are (..., n_u), or (..., n, n_u) for directions (n, p); the polarisations are (..., n_u, n_u), with
-        unit vectors as columns. Raises :class:`~granphon.base.errors.MechanismError` if a motion costs no energy.
-        """
-
-        def find(lattice: ContactLattice, stress: Array | None) -> Array:
-            velocities, polarisations = lattice.sound_velocities(direction, stress)
-            return np.concatenate([velocities[..., None, :], polarisations], axis=-2)
-
-        scale = self.velocity_scale
-        if self.finite_overlap:  # all lengths scale with the spacing
-            scale = scale * (1.0 - np.asarray(self.relative_overlap))
-        found = self._at_each_load(find)
-        velocities = _add_axes(scale, direction) * found[..., 0, :]
-        return velocities, np.broadcast_to(found[..., 1:, :], (*velocities.shape, velocities.shape[-1]))
-
-    @property
-    def twist_velocity(self) -> Array:
-        """Velocity of the twist wave of a straight chain, at each load, m/s."""
-        # the distance of balls over their radius of gyration; with finite overlap such a chain buckles
-        stiffness = self._torsion * self.stiffness * self.packing.diameter**2
-        return np.asarray(np.sqrt(stiffness / self.packing.mass) / GYRATION)
-
-    @property
-    def _torsion(self) -> Array:
-        return np.asarray(self.packing.find_torsion(self.force, self.stiffness))
-
-    @property
-    def _prestress(self) -> Array:
-        """f/(k a) at each load, without a unit."""
-        spacing = self.packing.diameter * (1.0 - self.relative_overlap)
-        return np.asarray(self.force / self.stiffness / spacing)
-
-    def _at_each_load(self, find: Callable[[ContactLattice, Array | None], Array]) -> Array:
-        """Return ``find(lattice, prestress)`` for many loads; of a lattice at spacing one.
-
-        With finite overlap all lengths scale with the spacing; of the load, only the prestress changes ratios of elastic
-        constants, and torsion and bending do where a cell has several balls. The prestress is None if it is left out.
-        """
-        packing, finite, shape = self.packing, self.finite_overlap, np.shape(self.force)
-        stress = self._prestress if finite else None
-        changes = packing.torsion == MINDLIN or (finite and bool(packing.torsion or packing.bending))
-        # where no strain twists contacts, it does not matter by how much they resist; prestress might change that
-        unmoved = stress is None and changes and not ideal_lattice(packing, 1.0).is_twisted_by_sound
-        if packing.structure.n_balls == 1 or not changes or unmoved:
-            return find(self.without_overlap, stress)
-        squared = np.broadcast_to((1.0 - self.relative_overlap) ** 2 if finite else 1.0, shape)
-        twist, roll = np.broadcast_to(self._torsion, shape) / squared, packing.bending / squared
-        found = [
-            find(ideal_lattice(packing, float(twist[at]), float(roll[at])), None if stress is None else stress[at])
-            for at in np.ndindex(shape)
-        ]
-        return np.asarray(found).reshape(*shape, *found[0].shape)
-
-
-def _add_axes(values: Array, direction: ArrayLike) -> Array:
-    """Append axes of length one to ``values`` of each load: for the directions, if there are many, and for the branches."""
-    return values.reshape(*values.shape, *(1,) * np.ndim(direction))
 
 
 # -- states -----------------------------------------------------------------------------------------------------------
@@ -330,11 +183,6 @@ class State(ABC):
     def is_single(self) -> bool:
         """Whether this is the state at one load."""
         return self.shape == ()
-
-    @property
-    def is_held(self) -> bool:
-        """Whether bodies that do not move hold the balls, so that there are no long waves."""
-        return False
 
     @property
     def is_isotropic(self) -> bool:
@@ -592,10 +440,18 @@ class ContactState(State, Result):
         return 0
 
     @cached_property
-    def loaded_lattice(self) -> LoadedLattice:
-        """The lattice of equal contacts with the force and stiffness of each load, from which sound waves follow."""
-        force, stiffness = self.force, self.normal_stiffness
-        return LoadedLattice(self.packing, force, stiffness, self.relative_overlap, self.finite_overlap)
+    def reference_lattice(self) -> ContactLattice:
+        """The lattice of contacts without terms of finite overlap, in reduced units.
+
+        The torsion of a Hertz contact is that at the largest load. What does not depend on the load is read from this
+        lattice: the names of waves, mechanisms, isotropy.
+        """
+        return ideal_lattice(self.packing, float(np.max(self.torsion)) if self.packing.torsion == MINDLIN else None)
+
+    @property
+    def has_one_lattice(self) -> bool:
+        """Whether the lattice, in reduced units, is the same at all loads."""
+        return self.is_single or not (self.finite_overlap or self.packing.torsion == MINDLIN)
 
     def contact_lattice(self) -> ContactLattice:
         """Return the lattice of contacts, in reduced units.
@@ -603,9 +459,21 @@ class ContactState(State, Result):
         With finite overlap it has the spacing a, the lever arm a/2 and the prestress f/a. With finite overlap or the torsion
         of a Hertz contact the lattice depends on the load: :class:`~granphon.base.errors.InputError` for several loads.
         """
+        packing = self.packing
         if not self.has_one_lattice:
             _ = self.scales  # raises InputError
-        return self.loaded_lattice.contacts
+        if not self.finite_overlap and packing.torsion != MINDLIN:
+            return ideal_lattice(packing)
+        spacing, load = (1.0 - self.relative_overlap, float(self._prestress)) if self.finite_overlap else (1.0, 0.0)
+        return ContactLattice.of(
+            packing.structure, packing.mindlin_ratio, spacing, load,
+            torsion=float(self.torsion), bending=packing.bending, motions=packing.ball_motions,
+        )  # fmt: skip
+
+    @property
+    def velocity_scale(self) -> Array:
+        """Unit of velocity d (k/M)^1/2 at each load, m/s."""
+        return np.asarray(self.packing.diameter * (np.sqrt(self.normal_stiffness) / np.sqrt(self.packing.mass)))
 
     @property
     def elastic_tensor(self) -> Array:
@@ -614,23 +482,58 @@ class ContactState(State, Result):
         It is in Pa, in the plane for a layer one diameter thick (xx, yy, xy); of a chain, (..., 1, 1), in N.
 
         With finite overlap its entries are the coefficients between Cauchy stress and strain under the static pressure.
+        Raises :class:`~granphon.base.errors.MechanismError` if a motion costs no energy.
         """
-        return self.loaded_lattice.elastic_tensor
+        # with finite overlap the spacing a stands in place of d in space and on a line; the layer of a plane stays d thick
+        d, k = self.packing.diameter, self.normal_stiffness
+        spacing = d * (1.0 - np.asarray(self.relative_overlap)) if self.finite_overlap else d
+        scale = np.asarray({1: k * spacing, 2: k / d, 3: k / spacing}[self.packing.structure.periods])
+        return scale[..., None, None] * self._at_each_load(ContactLattice.elastic_tensor)
+
+    def polarised_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
+        """Return :meth:`long_waves` along ``direction``, and their unit displacements.
+
+        Raises :class:`~granphon.base.errors.MechanismError` if a motion costs no energy.
+        """
+
+        def find(lattice: ContactLattice, stress: Array | None) -> Array:
+            velocities, polarisations = lattice.sound_velocities(direction, stress)
+            return np.concatenate([velocities[..., None, :], polarisations], axis=-2)
+
+        scale = self.velocity_scale
+        if self.finite_overlap:  # all lengths scale with the spacing
+            scale = scale * (1.0 - np.asarray(self.relative_overlap))
+        found = self._at_each_load(find)
+        # axes for the directions, if there are many, and for the branches
+        velocities = scale.reshape(*scale.shape, *(1,) * np.ndim(direction)) * found[..., 0, :]
+        return velocities, np.broadcast_to(found[..., 1:, :], (*velocities.shape, velocities.shape[-1]))
 
     @property
-    def reference_lattice(self) -> ContactLattice:
-        """The lattice of contacts without terms of finite overlap, in reduced units."""
-        return self.loaded_lattice.without_overlap
+    def _prestress(self) -> Array:
+        """f/(k a) at each load, without a unit."""
+        spacing = self.packing.diameter * (1.0 - self.relative_overlap)
+        return np.asarray(self.force / self.normal_stiffness / spacing)
 
-    @property
-    def has_one_lattice(self) -> bool:
-        """Whether the lattice, in reduced units, is the same at all loads."""
-        return self.loaded_lattice.is_one
+    def _at_each_load(self, find: Callable[[ContactLattice, Array | None], Array]) -> Array:
+        """Return ``find(lattice, prestress)`` for many loads; of a lattice at spacing one.
 
-    @property
-    def velocity_scale(self) -> Array:
-        """Unit of velocity d (k/M)^1/2 at each load, m/s."""
-        return self.loaded_lattice.velocity_scale
+        With finite overlap all lengths scale with the spacing; of the load, only the prestress changes ratios of elastic
+        constants, and torsion and bending do where a cell has several balls. The prestress is None if it is left out.
+        """
+        packing, finite, shape = self.packing, self.finite_overlap, self.shape
+        stress = self._prestress if finite else None
+        changes = packing.torsion == MINDLIN or (finite and bool(packing.torsion or packing.bending))
+        # where no strain twists contacts, it does not matter by how much they resist; prestress might change that
+        unmoved = stress is None and changes and not ideal_lattice(packing, 1.0).is_twisted_by_sound
+        if packing.structure.n_balls == 1 or not changes or unmoved:
+            return find(self.reference_lattice, stress)
+        squared = np.broadcast_to((1.0 - self.relative_overlap) ** 2 if finite else 1.0, shape)
+        twist, roll = np.broadcast_to(self.torsion, shape) / squared, packing.bending / squared
+        found = [
+            find(ideal_lattice(packing, float(twist[at]), float(roll[at])), None if stress is None else stress[at])
+            for at in np.ndindex(shape)
+        ]
+        return np.asarray(found).reshape(*shape, *found[0].shape)
 
     @property
     def name(self) -> str:
@@ -670,18 +573,15 @@ class ContactState(State, Result):
         ones = (1,) * structure.periods
         return lattice.contact_network(units, self.force / units.force, lattice=structure, shape=ones)
 
-    def polarised_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
-        """Return :meth:`long_waves` along ``direction``, and their unit displacements."""
-        return self.loaded_lattice.find_waves(direction)
-
     @property
     def twist_velocity(self) -> Values | None:
         """Velocity of the wave in which the balls of a straight chain turn about it, m/s; None if they do not.
 
         It is d (k_t/I)^1/2, with the torsion stiffness k_t of a contact and the moment of inertia I of a ball.
         """
-        lattice = self.loaded_lattice
-        return lattice.twist_velocity if self.reference_lattice.runs_twist else None
+        # the distance of balls over their radius of gyration; with finite overlap such a chain buckles
+        twist = np.asarray(np.sqrt(self.torsion_stiffness / self.packing.mass) / GYRATION)
+        return twist if self.reference_lattice.runs_twist else None
 
     def _fill_shape(self, value: Any) -> Values:
         return np.full(self.shape, value) if self.shape else value
@@ -706,108 +606,38 @@ def _unwrap_scalars(values: Any) -> Values:
 class NetworkState(State):
     """The state that a network with periods is: its contacts, with a stiffness and a force for each.
 
-    Lengths, stiffnesses and masses are in the reduced units of the network, :attr:`ContactNetwork.scales`.
+    What has a network at each of several loads, as a crystal, has such a state for all of them. Lengths, stiffnesses and
+    masses are in the reduced units of each network, :attr:`ContactNetwork.scales`.
 
     Parameters
     ----------
-    network : it repeats along one, two or three axes.
+    source : a network, which repeats along one, two or three axes; or what has one at each load: ``source[i]`` is that at
+        one of them.
     warnings : what those who made it say of its limits, one sentence each; None for what the network itself shows.
     """
 
     name = "network"
-    shape = ()
-    has_one_lattice = True
 
-    def __init__(self, network: ContactNetwork, warnings: tuple[str, ...] | None = None) -> None:
-        self.network, self.warnings = network, warnings
-        self._lattice = ContactLattice.from_network(network)
-
-    def contact_lattice(self) -> ContactLattice:
-        """Return the lattice of contacts, in reduced units."""
-        return self._lattice
-
-    @property
-    def kinds(self) -> tuple[str, ...]:
-        """Names of the kinds of the balls that move, in the order of the lattice; empty if they are not known."""
-        return tuple(itertools.compress(self.network.kinds or (), self.network.moving))
-
-    @property
-    def reference_lattice(self) -> ContactLattice:
-        """The lattice of contacts, in reduced units."""
-        return self._lattice
-
-    @property
-    def scales(self) -> Units:
-        """Length (m), stiffness (N/m) and mass (kg) of the reduced units."""
-        return self.network.scales
-
-    @property
-    def unit_length(self) -> float:
-        """Unit of length, m."""
-        return self.scales.length
-
-    @property
-    def velocity_scale(self) -> Array:
-        """Unit of velocity, m/s."""
-        return np.asarray(self.scales.velocity)
-
-    @cached_property
-    def elastic_tensor(self) -> Array:
-        """Elastic tensor of the periods in Voigt order, (n, n), with inner motions relaxed.
-
-        It is in N where the network repeats along a line, whatever its width; in Pa where it does so in a plane, the force
-        per length over one diameter, however thick the network is; in Pa in space.
-        """
-        unit = {1: self.scales.force, 2: self.scales.modulus, 3: self.scales.modulus}[self._lattice.periods]
-        return unit * self._lattice.elastic_tensor()
-
-    @property
-    def has_cubic_axes(self) -> bool:
-        """Whether the elastic tensor is that of a square or cube with edges along x, y, z, to rounding."""
-        return is_cubic(self.elastic_tensor)
-
-    def polarised_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
-        """Return velocities, m/s, and unit displacements of long waves, see :meth:`State.polarised_waves`."""
-        velocities, vectors = self._lattice.sound_velocities(direction)
-        return velocities * self.scales.velocity, vectors
-
-    @property
-    def twist_velocity(self) -> float | None:
-        """Velocity of the wave in which the balls of a straight chain turn about it, m/s; None if they do not."""
-        lattice = self._lattice
-        if not lattice.runs_twist:
-            return None
-        torsion = np.broadcast_to(lattice.torsion, lattice.stiffness.shape) * lattice.stiffness
-        if not np.all(torsion):
-            return 0.0
-        # a cell of springs in a row, and of moments of inertia
-        inertia = float(lattice.masses @ lattice.gyration**2)
-        return float(lattice.measure / np.sqrt(np.sum(1.0 / torsion) * inertia) * self.scales.velocity)
-
-
-class NetworkStates(State):
-    """The states at several loads of what has a network at each, as a crystal has: ``source[i]`` is that at one load."""
-
-    name = "network"
-    has_one_lattice = False
-
-    def __init__(self, source: Any) -> None:
-        self.source, self.warnings = source, tuple(source.warnings)
+    def __init__(self, source: Any, warnings: tuple[str, ...] | None = None) -> None:
+        self.source, self.warnings = source, warnings
+        if isinstance(source, ContactNetwork):
+            _ = self._each  # an error of its cell is one of the call
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Shape of the load."""
-        return tuple(self.source.shape)
+        """Shape of the load; () for a single one."""
+        return () if isinstance(self.source, ContactNetwork) else tuple(self.source.shape)
 
     @cached_property
-    def _states(self) -> list[State]:
-        each = [self.source[at] for at in np.ndindex(self.shape)] if self.shape else [self.source]
-        return [as_state(one) for one in each]
+    def _each(self) -> list[tuple[ContactLattice, ContactNetwork]]:
+        """The network at each load, and its lattice in reduced units."""
+        loads = [self.source[at] for at in np.ndindex(self.shape)] if self.shape else [self.source]
+        return [(ContactLattice.from_network(one), one) for one in map(given_network, loads)]
 
-    def _stack(self, find: Callable[[State], Any]) -> Array:
-        """Return what ``find`` finds of the state at each load, with the shape of the load in front."""
-        values = np.array([find(one) for one in self._states])
-        return values.reshape(*self.shape, *values.shape[1:])
+    def _stack(self, find: Callable[[ContactLattice, ContactNetwork], Any]) -> Array:
+        """Return what ``find`` finds at each load, with the shape of the load in front."""
+        values = np.array([find(*one) for one in self._each])
+        return values.reshape((*self.shape, *values.shape[1:]))
 
     def __getitem__(self, index: Any) -> State:
         """Select some of the loads, by an index as for arrays."""
@@ -820,23 +650,34 @@ class NetworkStates(State):
 
     def contact_lattice(self) -> ContactLattice:
         """Return the lattice at the only load; :class:`~granphon.base.errors.InputError` for several, each with its own."""
-        given_network(self.source)
+        _ = self.network
         return self.reference_lattice
 
     @property
+    def has_one_lattice(self) -> bool:
+        """Whether there is one load: each has a lattice of its own."""
+        return self.is_single
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Names of the kinds of the balls that move, in the order of the lattice; empty if they are not known."""
+        network = self._each[0][1]
+        return tuple(itertools.compress(network.kinds or (), network.moving))
+
+    @property
     def reference_lattice(self) -> ContactLattice:
-        """The lattice at the first load, in reduced units."""
-        return self._states[0].reference_lattice
+        """The lattice of contacts at the first load, in reduced units."""
+        return self._each[0][0]
 
     @property
     def scales(self) -> Units:
-        """An error, as each load has units of its own."""
-        return given_network(self.source).scales
+        """Length (m), stiffness (N/m) and mass (kg) of the reduced units; an error for several loads."""
+        return self.network.scales
 
     @property
     def unit_length(self) -> float:
         """Unit of length, m; :class:`~granphon.base.errors.InputError` if it is not the same at all loads."""
-        found = self._stack(lambda one: one.unit_length)
+        found = self._stack(lambda _, network: network.scales.length)
         if np.ptp(found) > 0.0:
             what = "the balls are not as far apart at all loads"
             raise InputError(what, "Wave numbers are in units of their distance", "Take one load, as state[0]")
@@ -845,33 +686,50 @@ class NetworkStates(State):
     @property
     def velocity_scale(self) -> Array:
         """Unit of velocity at each load, m/s."""
-        return self._stack(lambda one: one.velocity_scale)
+        return self._stack(lambda _, network: network.scales.velocity)
 
     @cached_property
     def elastic_tensor(self) -> Array:
-        """Elastic tensor, see :attr:`NetworkState.elastic_tensor`."""
-        return self._stack(lambda one: one.elastic_tensor)
+        """Elastic tensor of the periods in Voigt order, (..., n, n), with inner motions relaxed.
+
+        It is in N where the network repeats along a line, whatever its width; in Pa where it does so in a plane, the force
+        per length over one diameter, however thick the network is; in Pa in space.
+        """
+        unit = "force" if self.reference_lattice.periods == 1 else "modulus"
+        return self._stack(lambda lattice, network: getattr(network.scales, unit) * lattice.elastic_tensor())
 
     @property
     def has_cubic_axes(self) -> bool:
-        """Whether the symmetry is that of a square or cube at all loads."""
-        return all(one.has_cubic_axes for one in self._states)
+        """Whether the elastic tensor is that of a square or cube with edges along x, y, z, to rounding, at all loads."""
+        tensor = self.elastic_tensor
+        return all(map(is_cubic, tensor.reshape(-1, *tensor.shape[-2:])))
 
     @property
     def is_isotropic(self) -> bool:
         """Whether the elastic tensor is the same in all directions, at all loads."""
-        return all(one.is_isotropic for one in self._states)
+        return all("longitudinal" not in one.wave_names or one.is_isotropic for one, _ in self._each)
 
     def polarised_waves(self, direction: ArrayLike) -> tuple[Array, Array]:
         """Return velocities, m/s, and unit displacements of long waves, see :meth:`State.polarised_waves`."""
-        found = [one.polarised_waves(direction) for one in self._states]
+        found = [one.sound_velocities(direction) for one, _ in self._each]
         velocities, vectors = (np.array(values) for values in zip(*found, strict=True))
-        return velocities.reshape(*self.shape, *velocities.shape[1:]), vectors.reshape(*self.shape, *vectors.shape[1:])
+        velocities = velocities.reshape((*self.shape, *velocities.shape[1:]))
+        scale = self.velocity_scale.reshape((*self.shape, *(1,) * (velocities.ndim - len(self.shape))))
+        return velocities * scale, vectors.reshape((*self.shape, *vectors.shape[1:]))
 
     @property
-    def twist_velocity(self) -> Array | None:
-        """Velocity of the twist wave at each load, m/s; None if balls do not turn about their chain."""
-        return None if self._states[0].twist_velocity is None else self._stack(lambda one: one.twist_velocity)
+    def twist_velocity(self) -> Values | None:
+        """Velocity of the wave in which the balls of a straight chain turn about it, m/s; None if they do not."""
+
+        def find(lattice: ContactLattice, network: ContactNetwork) -> float:
+            torsion = np.broadcast_to(lattice.torsion, lattice.stiffness.shape) * lattice.stiffness
+            if not np.all(torsion):
+                return 0.0
+            # a cell of springs in a row, and of moments of inertia
+            inertia = float(lattice.masses @ lattice.gyration**2)
+            return float(lattice.measure / np.sqrt(np.sum(1.0 / torsion) * inertia) * network.scales.velocity)
+
+        return self._stack(find)[()] if self.reference_lattice.runs_twist else None
 
 
 def as_state(source: Any) -> State:
@@ -879,20 +737,19 @@ def as_state(source: Any) -> State:
 
     Raises :class:`~granphon.base.errors.InputError` for something that has no network, and for a network without periods.
     """
-    if isinstance(source, NetworkStates) and source.is_single:
-        return source._states[0]
+    if isinstance(source, NetworkState) and source.is_single:
+        return NetworkState(source.network, source.warnings)
     if isinstance(source, State):
         return source
-    if not getattr(source, "is_single", True):
-        return NetworkStates(source)
     warnings = getattr(source, "warnings", None)
-    return NetworkState(given_network(source), None if warnings is None else tuple(warnings))
+    network = given_network(source) if getattr(source, "is_single", True) else source
+    return NetworkState(network, None if warnings is None else tuple(warnings))
 
 
 def given_state(state: Any) -> ContactState:
     """Return ``state``, the argument of a public function; raises :class:`InputError` if it is not a ContactState."""
-    if isinstance(state, NetworkStates):
-        given_network(state.source)  # an error: it has several loads
+    if isinstance(state, NetworkState) and not state.is_single:
+        _ = state.network  # an error: it has several loads
     if not isinstance(state, ContactState):
         refuse_unpressed(state)
         why = "It needs the contact law of a packing" if isinstance(state, NetworkState | ContactNetwork) else ""

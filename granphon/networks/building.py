@@ -12,17 +12,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granphon.balls.hertz import HertzLaw, harmonic_diameter
 from granphon.balls.material import Material
 from granphon.balls.motions import allowed_motions
+from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InconsistencyWarning, InputError, brief, message
 from granphon.base.text import counted
 from granphon.base.validation import real_array, require, truth, whole_number
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 #: greatest number in SI, and the inverse of the least one: products of a few of them stay within the range of floats
 LARGEST = 1e60
 #: greatest number of cells between two balls
@@ -84,12 +82,12 @@ class Contacts:
     arm_i: Array | None = None
     arm_j: Array | None = None
 
-    def refuse(self, bad: NDArray[np.bool_], wrong: str, why: str = "", mend: str = "") -> None:
+    def refuse(self, bad: Flags, wrong: str, why: str = "", mend: str = "") -> None:
         """Raise :class:`~granphon.base.errors.InputError` if any contact is ``bad``; the message names the first one."""
         if np.any(bad):
             raise InputError(self.describe(bad, wrong), why, mend)
 
-    def describe(self, bad: NDArray[np.bool_], wrong: str) -> str:
+    def describe(self, bad: Flags, wrong: str) -> str:
         """Say of the first contact that is ``bad`` what is ``wrong``, and how many there are."""
         first, count = int(np.flatnonzero(bad)[0]), int(np.count_nonzero(bad))
         more = f" ({count} in all)" if count > 1 else ""
@@ -106,7 +104,7 @@ class Source:
     balls: Balls
     contacts: Contacts
     cell: Array
-    pbc: NDArray[np.bool_]
+    pbc: Flags
     dimension: int | None = None
     motions: str | None = None
     prestress: bool = False
@@ -301,19 +299,16 @@ def find_rounding(values: Array) -> float:
     finite = values[np.isfinite(values) & (values != 0.0)]
     if not finite.size:
         return 0.0
-    digits = next((d for d in range(*_DIGITS) if np.allclose(_round(finite, d), finite, rtol=1e-14, atol=0.0)), _DIGITS[1])
+    for digits in range(_DIGITS[0], _DIGITS[1] + 1):
+        with np.errstate(all="ignore"):
+            power = 10.0 ** (digits - 1 - np.floor(np.log10(np.abs(finite))))
+            if np.allclose(np.rint(finite * power) / power, finite, rtol=1e-14, atol=0.0):
+                break
     # half a unit of the last digit is up to 5 10^-digits of a number; a distance has that of six coordinates
     return 20.0 * float(np.max(np.abs(finite))) * 10.0**-digits
 
 
-def _round(values: Array, digits: int) -> Array:
-    """Return numbers other than zero with so many significant digits."""
-    with np.errstate(all="ignore"):
-        power = 10.0 ** (digits - 1 - np.floor(np.log10(np.abs(values))))
-        return np.asarray(np.rint(values * power) / power)
-
-
-def _first(values: Array, bad: NDArray[np.bool_]) -> float:
+def _first(values: Array, bad: Flags) -> float:
     return float(values[np.argmax(bad)]) if np.any(bad) else math.nan
 
 

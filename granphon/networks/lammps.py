@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, brief
 from granphon.base.scales import Units
 from granphon.base.tables import plain_float
@@ -17,7 +18,6 @@ from granphon.base.text import decode, read_bytes
 from granphon.base.validation import choice, not_negative, positive, require
 from granphon.networks.building import MOST_BYTES, Balls, Contacts, Source, find_rounding, read_whole_numbers
 
-Array = NDArray[np.float64]
 #: length (m), mass (kg) and force (N) that are one in LAMMPS' styles of units
 _STYLES = {
     "si": (1.0, 1.0, 1.0), "cgs": (1e-2, 1e-3, 1e-5), "micro": (1e-6, 1e-15, 1e-9), "nano": (1e-9, 1e-21, 1e-12),
@@ -52,11 +52,6 @@ class _Frame:
                 found = brief(cells[place], 40) if len(cells) > place else "nothing"
                 raise InputError(f"{self.name}:{line}: {column}: found {found}, where a number is needed") from None
         return out
-
-    def read_words(self, column: str) -> list[str]:
-        """The words of a column, one for each row that has it."""
-        place = self.names.index(column)
-        return [cells[place] for _, text in self.rows if len(cells := text.split()) > place]
 
 
 def read_dumps(
@@ -110,38 +105,35 @@ def read_dumps(
         normal_stiffness=springs("normal_stiffness", normal_stiffness, positive),
         shear_stiffness=springs("shear_stiffness", shear_stiffness, not_negative),
     )  # fmt: skip
-    return Source(_read_balls(atoms, length, mass), contacts, length * atoms.cell, np.asarray(atoms.pbc, bool))
+    listed = f"Its columns are {', '.join(atoms.names)}"
+    for ends, scaled in (("", False), ("u", False), ("s", True), ("su", True)):
+        names = [f"{axis}{ends}" for axis in "xyz"]
+        if set(names) <= set(atoms.names):
+            places = np.stack([atoms.read(name) for name in names], axis=1)
+            rounding = find_rounding(places) * (float(np.max(np.abs(atoms.cell))) if scaled else 1.0)
+            places = places @ atoms.cell if scaled else places - atoms.origin
+            break
+    else:
+        raise InputError(f"{atoms.name} has no columns x, y and z", listed, _WRITE_ATOMS)
+    for name, other in (("id", "id"), ("radius", "diameter")):
+        if name not in atoms.names and other not in atoms.names:
+            raise InputError(f"{atoms.name} has no column {name}", listed, _WRITE_ATOMS)
+    radii = atoms.read("radius") if "radius" in atoms.names else 0.5 * atoms.read("diameter")
+    masses = mass * atoms.read("mass") if "mass" in atoms.names else None
+    place = next((atoms.names.index(name) for name in ("element", "type") if name in atoms.names), math.inf)
+    kinds = tuple(cells[int(place)] for _, text in atoms.rows if len(cells := text.split()) > place)
+    balls = Balls(
+        atoms.name, length * (places + atoms.origin), length * radii, masses, labels=_read_ids(atoms, "id"),
+        rounding=length * (rounding + find_rounding(radii)), kinds=kinds if len(set(kinds)) > 1 else None,
+    )  # fmt: skip
+    return Source(balls, contacts, length * atoms.cell, np.asarray(atoms.pbc, bool))
 
 
-def _read_ids(frame: _Frame, column: str) -> NDArray[np.intp]:
+def _read_ids(frame: _Frame, column: str) -> Index:
     try:
         return read_whole_numbers(column, frame.read(column))
     except InputError as error:
         raise InputError(str(error) if frame.name in str(error) else f"{frame.name}: {error}") from None
-
-
-def _read_balls(frame: _Frame, length: float, mass: float) -> Balls:
-    """The balls of a dump of atoms, in SI."""
-    listed = f"Its columns are {', '.join(frame.names)}"
-    for ends, scaled in (("", False), ("u", False), ("s", True), ("su", True)):
-        names = [f"{axis}{ends}" for axis in "xyz"]
-        if set(names) <= set(frame.names):
-            places = np.stack([frame.read(name) for name in names], axis=1)
-            rounding = find_rounding(places) * (float(np.max(np.abs(frame.cell))) if scaled else 1.0)
-            places = places @ frame.cell if scaled else places - frame.origin
-            break
-    else:
-        raise InputError(f"{frame.name} has no columns x, y and z", listed, _WRITE_ATOMS)
-    for name, other in (("id", "id"), ("radius", "diameter")):
-        if name not in frame.names and other not in frame.names:
-            raise InputError(f"{frame.name} has no column {name}", listed, _WRITE_ATOMS)
-    radii = frame.read("radius") if "radius" in frame.names else 0.5 * frame.read("diameter")
-    masses = mass * frame.read("mass") if "mass" in frame.names else None
-    kinds = next((tuple(frame.read_words(name)) for name in ("element", "type") if name in frame.names), ())
-    return Balls(
-        frame.name, length * (places + frame.origin), length * radii, masses, labels=_read_ids(frame, "id"),
-        rounding=length * (rounding + find_rounding(radii)), kinds=kinds if len(set(kinds)) > 1 else None,
-    )  # fmt: skip
 
 
 # -- the format -----------------------------------------------------------------------------------------------------
@@ -172,8 +164,7 @@ def _split_frames(name: str, raw: bytes, kind: str) -> Iterator[_Frame]:
             n += 1
             continue
         if not head.startswith("ITEM:"):
-            what = f"{name}:{n + 1}: found {brief(head, 40)}, where a line 'ITEM: ...' is needed"
-            raise InputError(what, mend=_IS_DUMP)
+            raise InputError(f"{name}:{n + 1}: found {brief(head, 40)}, where a line 'ITEM: ...' is needed", mend=_IS_DUMP)
         title = head.removeprefix("ITEM:").strip()
         n += 1
         if title == "UNITS":
@@ -217,8 +208,7 @@ def _read_box(frame: _Frame, words: list[str], lines: list[str], n: int) -> None
     """Read the three lines of a box below its heading ``words``: orthogonal or tilted."""
     if words[:1] == ["abc"]:
         why = "LAMMPS lists pairs in another frame, in which its box is tilted"
-        mend = "Leave out dump_modify triclinic/general"
-        raise InputError(f"{frame.name} has a box of three general vectors", why, mend)
+        raise InputError(f"{frame.name} has a box of three general vectors", why, "Leave out dump_modify triclinic/general")
     try:
         rows = np.array([[plain_float(cell) for cell in lines[n + axis].split()] for axis in range(3)])
         flags = [word for word in words if len(word) == 2 and set(word) <= set("pfsm")]

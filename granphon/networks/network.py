@@ -13,7 +13,7 @@ from functools import cached_property, partial
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from granphon.balls.ball import RIGID_PLANE
 from granphon.balls.contact_table import TOUCH, repeat_contacts, require_joined
@@ -21,6 +21,7 @@ from granphon.balls.lattices import Lattice
 from granphon.balls.layers import Layers, find_axes, find_faces, read_edges
 from granphon.balls.material import Material
 from granphon.balls.motions import Motions, allowed_motions, select_motions
+from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import GranphonError, InputError, brief
 from granphon.base.registry import Registry
 from granphon.base.results import Result, read_only
@@ -29,8 +30,6 @@ from granphon.base.text import counted
 from granphon.base.validation import choice, label, lengths, real_array, require, text_list, truth, whole_number
 from granphon.networks.building import LARGEST, MOST_STEPS, read_whole_numbers
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 #: fields with one number for each ball
 _BALLS = ("radii", "masses", "inertias")
 #: fields of whole numbers
@@ -200,8 +199,28 @@ class ContactNetwork(Result):
                     found += f", between balls {self.i[bad[0]]} and {self.j[bad[0]]}"
                 more = f" ({bad.size} in all)" if bad.size > 1 else ""
                 raise InputError(f"{what} {bad[0]} of the network {wrong}: {found}{more}", mend=mend)
+        # no contact is listed twice, from one end or from both; a wall may touch a ball at several places
         if self.n_contacts:
-            _check_once(self)
+            i, j, shift = self.i, self.j, self.shift
+            leading = np.take_along_axis(shift, np.argmax(shift != 0, axis=1)[:, None], axis=1)[:, 0]
+            turned = (i > j) | ((i == j) & (leading < 0))
+            step = np.where(turned[:, None], -shift, shift)
+            pair = np.where(turned, j, i) * self.n_balls + np.where(turned, i, j)
+            order = np.argsort(pair, kind="stable")
+            alike = np.diff(pair[order], prepend=-1) == 0
+            order = order[alike | np.append(alike[1:], False)]  # few: two balls rarely touch through more than one image
+            order = order[np.lexsort((*step[order].T, pair[order]))]
+            same = (np.diff(pair[order]) == 0) & ~np.any(np.diff(step[order], axis=0), axis=1)
+            before, after = order[:-1][same], order[1:][same]
+            of_wall = ~(self.moving[i[after]] & self.moving[j[after]])
+            sign = np.where(turned[before] == turned[after], 1.0, -1.0)[:, None]
+            elsewhere = np.any(np.abs(self.normal[before] - sign * self.normal[after]) > _UNIT, axis=1)
+            twice = ~(of_wall & elsewhere)
+            if np.any(twice):
+                one, other = int(before[twice][0]), int(after[twice][0])
+                more = f" ({np.count_nonzero(twice)} such in all)" if np.count_nonzero(twice) > 1 else ""
+                what = f"contacts {one} and {other} of the network are the same, between balls {i[one]} and {j[one]}{more}"
+                raise InputError(what, "Every contact counts once", "List each contact from one of its ends only")
         # names are unique, and an array has the balls of all of its cells
         if self.labels is not None and np.unique(self.labels).size != self.n_balls:
             raise InputError("two balls of the network have the same label", mend="Give each a label of its own")
@@ -224,9 +243,9 @@ class ContactNetwork(Result):
         return len(self.i)
 
     @cached_property
-    def moving(self) -> NDArray[np.bool_]:
+    def moving(self) -> Flags:
         """(n,) whether each ball moves: its mass is not infinite."""
-        found: NDArray[np.bool_] = read_only(np.isfinite(self.masses))
+        found: Flags = read_only(np.isfinite(self.masses))
         return found
 
     @cached_property
@@ -298,7 +317,7 @@ class ContactNetwork(Result):
         total = np.bincount(i, weight, n) + np.bincount(j, weight, n)
         pull = np.stack([np.bincount(j, one, n) - np.bincount(i, one, n) for one in push.T], axis=1)
 
-        def is_held(balls: Index) -> NDArray[np.bool_]:
+        def is_held(balls: Index) -> Flags:
             # two contacts or more whose forces are in balance, as along a straight row, hold a ball where contacts slip
             balanced = np.linalg.norm(pull[balls], axis=1) <= _BALANCED * total[balls]
             in_row = (slips and held_by is None) & (count[balls] >= 2) & balanced
@@ -447,7 +466,8 @@ class ContactNetwork(Result):
         count, words = whole_number("layers", layers, 1, MOST_CELLS), read_edges(edges)
         periods, n, d = np.flatnonzero(self.pbc), self.n_balls, self.dimension
         cut, stack = self.layers_across(axis), np.zeros(3)
-        turn, p, stack[:d] = cut.turn_space(), len(cut.cell), cut.stack
+        turn, p, stack[:d] = np.eye(3), len(cut.cell), cut.stack
+        turn[:d, :d] = cut.turn
         sites, shift = self.positions.copy(), self.shift[:, periods]
         sites[:, :d], shift = cut.gather(sites[:, :d], self.i, self.j, shift, np.isinf(self.radii))
         _, rise = cut.split(shift)
@@ -507,15 +527,12 @@ class ContactNetwork(Result):
         for word, at in zip(words, faces, strict=True):
             if word == "clamped" and not np.any(np.isin(i, at) | np.isin(j, at)):
                 raise InputError("the clamped balls of an edge touch none that moves", mend="Give more layers")
-        # all that moves hangs together, or is held by bodies that do not move; these are one, along all periods
-        size, held = int(np.count_nonzero(~still)), bool(np.any(still))
-        name, rings = np.where(still, size, np.cumsum(~still) - 1), np.eye(p, dtype=np.intp)[: p * held]
-        one, other = (np.append(name[end], np.full(len(rings), size)) for end in (i, j))
+        # all that moves hangs together, or is held by bodies that do not move
         loose = self.rattlers.size
         require_joined(
-            one, other, np.concatenate([inner[:, :p], rings]), size + held, p, "the cut network",
+            i, j, inner[:, :p], len(still), p, "the cut network",
             f"Of its balls {loose} in each cell carry no load and hang on nothing" if loose else "",
-            "Leave them out: network.without_rattlers()" if loose else "Give more layers",
+            "Leave them out: network.without_rattlers()" if loose else "Give more layers", still,
         )  # fmt: skip
         cell = np.zeros((3, 3))
         cell[:p, :d] = cut.cell
@@ -575,8 +592,7 @@ class ContactNetwork(Result):
         from granphon.networks.tables import read_tables
 
         source = read_tables(balls, contacts, columns or {}, cell, pbc)
-        fields = source.complete(material, friction, dimension, motions, prestress)
-        return cls(**fields)._leave_out(keep_rattlers, held_by)
+        return cls(**source.complete(material, friction, dimension, motions, prestress))._leave_out(keep_rattlers, held_by)
 
     @classmethod
     def from_lammps(
@@ -621,8 +637,7 @@ class ContactNetwork(Result):
         from granphon.networks.lammps import read_dumps
 
         source = read_dumps(dump, pairs, units, columns, step, normal_stiffness, shear_stiffness)
-        fields = source.complete(material, friction, dimension, motions, prestress)
-        return cls(**fields)._leave_out(keep_rattlers, held_by)
+        return cls(**source.complete(material, friction, dimension, motions, prestress))._leave_out(keep_rattlers, held_by)
 
     @classmethod
     def read(cls, program: str, *files: Any, **options: Any) -> ContactNetwork:
@@ -675,7 +690,7 @@ def register_reader(name: str, read: Callable[..., ContactNetwork]) -> Callable[
     """
     if not callable(read):
         raise InputError(f"{brief(read)} reads no files", mend="Give a function of paths")
-    return READERS.add(name, read)
+    return READERS.add(name, read, read)
 
 
 def given_network(source: Any) -> ContactNetwork:
@@ -706,10 +721,8 @@ def refuse_unpressed(source: Any) -> None:
 
 
 def _list_demands(network: ContactNetwork) -> Iterator[tuple[str, Any, str, str]]:
-    """Yield what each ball or contact must meet: a field, whether each is right, what to say if not, and how to mend it.
-
-    A demand may rely on those before it. Walls, which do not move, may have any size and place.
-    """
+    """Yield what each ball or contact must meet: a field, whether each is right, what to say if not, and how to mend it."""
+    # a demand may rely on those before it; walls, which do not move, may have any size and place
     moving, d, i, j = network.moving, network.dimension, network.i, network.j
     largest = f"that is not finite, or above {LARGEST:g}"
     yield "positions", np.all(np.abs(network.positions) < LARGEST, axis=1), f"is at a place {largest} m", ""
@@ -765,31 +778,7 @@ def _list_demands(network: ContactNetwork) -> Iterator[tuple[str, Any, str, str]
         yield name, getattr(network, name) <= LARGEST, f"has a {name} {said}", ""
 
 
-def _check_once(network: ContactNetwork) -> None:
-    """Check that no contact is listed twice, from one end or from both; a wall may touch a ball at several places."""
-    i, j, shift = network.i, network.j, network.shift
-    leading = np.take_along_axis(shift, np.argmax(shift != 0, axis=1)[:, None], axis=1)[:, 0]
-    turned = (i > j) | ((i == j) & (leading < 0))
-    step = np.where(turned[:, None], -shift, shift)
-    pair = np.where(turned, j, i) * network.n_balls + np.where(turned, i, j)
-    order = np.argsort(pair, kind="stable")
-    alike = np.diff(pair[order], prepend=-1) == 0
-    order = order[alike | np.append(alike[1:], False)]  # few: two balls rarely touch through more than one image
-    order = order[np.lexsort((*step[order].T, pair[order]))]
-    same = (np.diff(pair[order]) == 0) & ~np.any(np.diff(step[order], axis=0), axis=1)
-    before, after = order[:-1][same], order[1:][same]
-    of_wall = ~(network.moving[i[after]] & network.moving[j[after]])
-    sign = np.where(turned[before] == turned[after], 1.0, -1.0)[:, None]
-    elsewhere = np.any(np.abs(network.normal[before] - sign * network.normal[after]) > _UNIT, axis=1)
-    twice = ~(of_wall & elsewhere)
-    if np.any(twice):
-        one, other = int(before[twice][0]), int(after[twice][0])
-        more = f" ({np.count_nonzero(twice)} such in all)" if np.count_nonzero(twice) > 1 else ""
-        what = f"contacts {one} and {other} of the network are the same, between balls {i[one]} and {j[one]}{more}"
-        raise InputError(what, "Every contact counts once", "List each contact from one of its ends only")
-
-
-def number_pieces(i: Index, j: Index, moving: NDArray[np.bool_]) -> Index:
+def number_pieces(i: Index, j: Index, moving: Flags) -> Index:
     """Number the sets of balls that contacts join: (n,) the number of the set of each ball. A wall joins none."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

@@ -8,21 +8,19 @@ import os
 import sys
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from granphon.base.errors import InputError, OutputError, brief
+from granphon.base.arrays import Array, Index
+from granphon.base.errors import InputError, brief
 from granphon.base.quantities import LENGTH, LOADS, Quantity
+from granphon.base.staging import write_text
 from granphon.base.tables import Heading, Table, table_text
 from granphon.base.text import closest, decode, open_seal, read_bytes, require_path, seal, warn_unverified
 from granphon.base.validation import real_array, require, truth
 from granphon.networks.building import MOST_BYTES, Balls, Contacts, Source, read_whole_numbers
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 _PLACE = replace(LENGTH, least="any")
 _FORCE = replace(LOADS["force"], least="zero or above")
 _ACROSS = replace(_FORCE, least="any")
@@ -108,8 +106,7 @@ class _Columns:
                     raise InputError(what, mend=f"Convert it, and call it {name!r}")
                 values = self._values[name] = real_array(f"{name} of {self.name}", arrays[wanted])
                 if values.ndim != 1:
-                    what = f"{name} of {self.name} has the shape {values.shape}"
-                    raise InputError(what, mend="Give a list of numbers")
+                    raise InputError(f"{name} of {self.name} has the shape {values.shape}", mend="Give a list of numbers")
         sizes = {name: len(values) for name, values in self._values.items()}
         if len(set(sizes.values())) > 1:
             said = ", ".join(f"{size} of {name}" for name, size in sizes.items())
@@ -143,11 +140,7 @@ class _Columns:
             raise InputError(f"{self.name}: {error}") from None
 
     def vectors(self, *names: str, wide: bool = False) -> Array | None:
-        """The columns of some names side by side, as many of the first ones as there are; None if there is none of them.
-
-        ``wide`` puts zeros behind, for those that are not there.
-        Raises :class:`InputError` if one but the last is missing, or if they are in different units.
-        """
+        """The columns of some names side by side, as many of the first as there are (zeros behind if ``wide``), or None."""
         there = [name for name in names if name in self]
         if not there:
             return None
@@ -224,11 +217,8 @@ def read_tables(balls: Any, contacts: Any, columns: Mapping[str, str], cell: Any
         of_balls.name, positions, radii, of_balls.find("mass"), of_balls.find("inertia"), labels, kinds=of_balls.kinds
     )
     of_contacts.require("i", "j")
-    i, j, steps = (
-        of_contacts.whole("i"),
-        of_contacts.whole("j"),
-        of_contacts.vectors("shift_1", "shift_2", "shift_3", wide=True),
-    )
+    i, j = of_contacts.whole("i"), of_contacts.whole("j")
+    steps = of_contacts.vectors("shift_1", "shift_2", "shift_3", wide=True)
     shift = None if steps is None else read_whole_numbers(f"shift of {of_contacts.name}", steps)
     springs = {
         name: of_contacts.find(name) for name in CONTACTS if name.endswith(("force", "stiffness")) or name.startswith("arm")
@@ -263,9 +253,4 @@ def write_tables(fields: Mapping[str, Any], balls: str | os.PathLike[str], conta
         require_path(path)
         headings = [Heading(name, kind.unit if (kind := known[name]) else "") for name in table]
         rows = zip(*(column.tolist() for column in table.values()), strict=True)
-        text = table_text(headings, rows, comments)
-        try:
-            Path(path).parent.mkdir(parents=True, exist_ok=True)
-            Path(path).write_text(seal(text.split("\n")[:-1], 1), encoding="utf-8", newline="")
-        except (OSError, ValueError) as error:
-            raise OutputError(f"{path} cannot be written: {getattr(error, 'strerror', None) or error}") from None
+        write_text(path, seal(table_text(headings, rows, comments).split("\n")[:-1], 1))

@@ -398,8 +398,8 @@ def register_observable(
 
     Returns its entry. A scene that names it in ``observe`` finds what it asks for. Where ``find`` fails, or returns what has
     not the shape of the load, the result leaves it out with a warning that names it; if a scene observes it, that is an
-    error. Raises :class:`InputError` for a name that is taken, or is no such word, for what is no unit of SI, and for a
-    ``find`` that cannot be called.
+    error. Raises :class:`InputError` for a name that another ``find`` has or that is no such word, for what is no unit of
+    SI, and for a ``find`` that cannot be called.
     """
     good: dict[str, tuple[Any, Callable[[str], bool], str]] = {
         "name": (name, str.isidentifier, "a word of letters, digits and underscores"),
@@ -412,7 +412,7 @@ def register_observable(
     require("cost", partial(choice, options=("state", "velocities", "exponent")), cost)
     if not callable(find):
         raise InputError(f"{brief(find)} finds no observable", mend="Give a function of an Analysis")
-    return CATALOGUE.add(name, Observable(name, unit, words, label, find=find, cost=cost, told=told))
+    return CATALOGUE.add(name, Observable(name, unit, words, label, find=find, cost=cost, told=told), find)
 
 
 #: what parameters are called of a kind of ball

@@ -111,7 +111,7 @@ def _compute_validity(state: Any) -> Validity:
     if not state.follows_law:
         return check_network(state.network)
     material, d = state.packing.material, state.packing.diameter
-    lattice = state.loaded_lattice.without_overlap
+    lattice = state.reference_lattice
     radius = np.asarray(contact_radius_ratio(state.overlap_of_equal_balls, d))
     values = {
         "contact_radius": radius,
@@ -126,10 +126,10 @@ def _compute_validity(state: Any) -> Validity:
     # on the load, the square is interpolated between none and the largest torsion: it is a convex function, so that the
     # result is not below the top frequency
     top, torsion = lattice.top_frequency, np.asarray(state.torsion)
-    if not state.loaded_lattice.is_one and np.ptp(torsion) > 0.0:
+    if not state.has_one_lattice and np.ptp(torsion) > 0.0:
         ends = [ideal_lattice(state.packing).top_frequency ** 2, top**2]
         top = np.sqrt(np.interp(torsion, [0.0, np.max(torsion)], ends))
-    values["resonance"] = top * state.loaded_lattice.velocity_scale / d / (2.0 * np.pi) / material.lowest_resonance(d)
+    values["resonance"] = top * state.velocity_scale / d / (2.0 * np.pi) / material.lowest_resonance(d)
     if state.packing.spread is not None:
         values["spread"] = np.full(state.shape, state.packing.spread.rms / d)
     if (deficit := state.shear_deficit) is not None:

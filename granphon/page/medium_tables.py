@@ -28,7 +28,7 @@ from granphon.laws.cluster import ClusterLaw
 from granphon.laws.effective import VALID_FORCE, EffectiveLaw
 from granphon.laws.spread import AveragedLaw
 from granphon.media.choice import MediumChoice, find_medium
-from granphon.media.cluster import ClusterMedium
+from granphon.media.mean_field import ClusterMedium
 from granphon.media.state import Law
 
 Array = NDArray[np.float64]

@@ -19,23 +19,37 @@ from ase import Atoms
 from ase.calculators.calculator import Calculator, all_changes
 from ase.neighborlist import primitive_neighbor_list
 from ase.utils.plugins import ExternalIOFormat
-from numpy.typing import NDArray
 
 from granphon.balls.ball import Ball, ContactConstants
 from granphon.balls.contact_laws import Hertz, PairLaw, check_law, find_law, law_between, opening_overlap
 from granphon.balls.material import Material
+from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, brief
 from granphon.media.crystal_statics import Springs
 from granphon.networks.network import ContactNetwork
 from granphon.phonons.phonopy_atoms import choose_symbols
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 #: rows and columns of a matrix in Voigt order
-_VOIGT = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
+VOIGT = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
 
 
-class BallContacts(Calculator):  # type: ignore[misc]
+class ContactCalculator(Calculator):  # type: ignore[misc]
+    """What calculators of contacts have in common: their properties, and the arrays of the Atoms that these follow from."""
+
+    implemented_properties = ["energy", "free_energy", "forces", "stress"]
+    discard_results_on_any_change = True
+    #: arrays of the Atoms on which results depend, besides those that ASE knows
+    follows: tuple[str, ...] = ()
+
+    def check_state(self, atoms: Atoms, tol: float = 1e-15) -> list[str]:
+        """Return the names of what has changed since the last calculation, arrays of the balls among them."""
+        changes: list[str] = super().check_state(atoms, tol=tol)
+        old = self.atoms
+        own = self.follows if old is not None else ()
+        return changes + [name for name in own if not np.array_equal(old.arrays.get(name), atoms.arrays.get(name))]
+
+
+class BallContacts(ContactCalculator):
     """ASE calculator of any balls, in SI: Atoms in m, energy in J, forces in N, stress in Pa.
 
     A contact has the energy of the law of its two balls at the overlap, the sum of the radii less the distance of the
@@ -61,8 +75,7 @@ class BallContacts(Calculator):  # type: ignore[misc]
         are not above zero; places that are not finite; a bond, which has no end and so no neighbours.
     """
 
-    implemented_properties = ["energy", "free_energy", "forces", "stress"]
-    discard_results_on_any_change = True
+    follows = ("radius", "kinds")
 
     def __init__(self, balls: Mapping[str, Ball | Material], law: Any = None, friction: bool = True) -> None:
         super().__init__()
@@ -74,13 +87,6 @@ class BallContacts(Calculator):  # type: ignore[misc]
         self._law = None if pairs else Hertz() if law is None else find_law(law)
         self._laws = {frozenset(pair): find_law(one) for pair, one in pairs.items()}
         self._known = dict[tuple[str, float, str, float], tuple[PairLaw, float]]()
-
-    def check_state(self, atoms: Atoms, tol: float = 1e-15) -> list[str]:
-        """Return the names of what has changed since the last calculation, radii and kinds among them."""
-        changes: list[str] = super().check_state(atoms, tol=tol)
-        old = self.atoms
-        own = ("radius", "kinds") if old is not None else ()
-        return changes + [name for name in own if not np.array_equal(old.arrays.get(name), atoms.arrays.get(name))]
 
     def find_radii(self, atoms: Atoms) -> tuple[list[str], Array]:
         """Return the kind of each ball, and their radii (n,), m."""
@@ -166,7 +172,7 @@ class BallContacts(Calculator):  # type: ignore[misc]
         self.results = {"energy": energy, "free_energy": energy, "forces": forces}
         if volume > 0.0:
             stress = vector.T @ pull / volume
-            self.results["stress"] = (0.5 * (stress + stress.T))[_VOIGT]
+            self.results["stress"] = (0.5 * (stress + stress.T))[VOIGT]
         elif "stress" in properties:
             raise InputError("the cell has no volume", "Stress is force over area", "Give it three vectors")
 

@@ -1,9 +1,10 @@
-"""Band structures, in memory and in phonopy's band.yaml."""
+"""Band structures, in memory and in phonopy's band.yaml; and complex ones, of waves that decay too."""
 
 from __future__ import annotations
 
 import itertools
 import json
+import math
 import os
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -112,12 +113,7 @@ class Bands(Result):
             object.__setattr__(self, "pbc", (True,) * self.periods)
 
     def _check(self) -> None:
-        """Check shapes, and that all numbers are finite and can be those of bands.
-
-        Frequencies ascend from zero, distances ascend, masses are above zero, the cell has a volume, wave vectors and the
-        vectors of the cell lie where the periods of the lattice do, and eigenvectors, of a component for each motion of
-        each ball, have the length one.
-        """
+        """Check shapes, and that all numbers are finite and can be those of bands."""
         super()._check()
         balls, lengths, p = len(self.masses), np.ones(1), self.periods
         if self.eigenvectors is not None:
@@ -252,6 +248,9 @@ class Bands(Result):
 
         A ball of six motions is two atoms. The second, "Sn", stands a little aside of its ball. As in phonopy, its
         eigenvector has the phase at that place; :meth:`read` restores the phase at the ball.
+
+        A file of granphon is replaced; if another is there, as one of phonopy's own,
+        :class:`~granphon.base.errors.FileExistsInRunError` is raised.
         """
         top = float(self.frequencies.max())
         unit = HertzPrefix.for_top(top)
@@ -374,6 +373,45 @@ class Bands(Result):
         if not verified:
             warn_unverified(path)
         return found
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ComplexBands(Result):
+    """All waves across the layers of a crystal at given frequencies. ``np.asarray`` of it is ``wavenumbers``.
+
+    A motion changes by exp(i k h) from layer to layer, in the time exp(-2 pi i f t). Waves of the first half of a row run or
+    decay towards higher layers, waves of the second half towards lower layers. In each half running waves come first; the
+    others follow, the slowest decay first. An imaginary part is infinite where a motion reaches no other layer at a
+    frequency. The error of exp(i k h) is about 1e-15, so that of k h grows with the decay.
+
+    Attributes
+    ----------
+    frequencies : (n_f,) Hz.
+    wavenumbers : (n_f, 2 m) k, 1/m, complex; real parts from -pi/h to pi/h.
+    running : (n_f,) number of waves that run towards higher layers.
+    height : of a layer, h, m.
+    """
+
+    units = {"frequencies": "Hz", "wavenumbers": "1/m", "height": "m"}
+    _shapes = {"frequencies": "f", "wavenumbers": "f k", "running": "f"}
+
+    frequencies: Array
+    wavenumbers: NDArray[np.complex128]
+    running: NDArray[np.intp]
+    height: float
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.array(self.wavenumbers, dtype)
+
+    @property
+    def forward(self) -> NDArray[np.complex128]:
+        """(n_f, m) the wave numbers of waves that run or decay towards higher layers, 1/m."""
+        return self.wavenumbers[:, : self.wavenumbers.shape[1] // 2]
+
+    @property
+    def attenuation(self) -> Array:
+        """(n_f,) decay of the wave that goes farthest, dB from layer to layer; zero in bands without losses."""
+        return np.asarray(20.0 * math.log10(math.e) * self.height * np.min(self.forward.imag, axis=1))
 
 
 def _write_row(values: list[float]) -> str:

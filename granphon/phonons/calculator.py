@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
 from ase import Atoms
-from ase.calculators.calculator import Calculator, all_changes
-from numpy.typing import NDArray
+from ase.calculators.calculator import all_changes
 
 from granphon.array.atoms import (
     ARRAYS,
@@ -33,6 +32,7 @@ from granphon.balls.contact_table import ContactTable
 from granphon.balls.lattices import BALL
 from granphon.balls.motions import ALL, IN_PLANE, LONGITUDINAL, OUT_OF_PLANE, allowed_motions, select_motions
 from granphon.balls.packing import MINDLIN
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError, PrecisionError, brief
 from granphon.base.results import read_only
 from granphon.base.scales import Units
@@ -42,7 +42,7 @@ from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.rows import Row, contact_rows, push_rows
 from granphon.media.state import ContactState, Law, NetworkState, as_state, given_state
 from granphon.networks.network import ContactNetwork
-from granphon.phonons.ball_contacts import BallContacts
+from granphon.phonons.ball_contacts import VOIGT, BallContacts, ContactCalculator
 from granphon.phonons.contacts import ContactFinder, keep_rows
 from granphon.phonons.phonopy_atoms import choose_symbols, name_balls
 
@@ -50,15 +50,12 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
-Array = NDArray[np.float64]
 #: least delta/d at which double-precision positions still hold six digits of the overlap
 _LEAST_OVERLAP = 1e-10
 #: most displacement of balls in contact against each other that a harmonic energy is asked for, in diameters
 _FAR = 0.5
 #: all motions of balls that have 1, 2 or 3 coordinates
 _MOTIONS = (LONGITUDINAL, IN_PLANE, ALL)
-#: rows and columns of a matrix in Voigt order
-_STRESS_ORDER = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
 #: what the cell of a lattice of 1, 2 or 3 periods is measured by
 _EXTENTS = ("length along x", "area in the plane", "volume")
 
@@ -80,43 +77,34 @@ def atoms(state: Any) -> Atoms:
     Raises :class:`~granphon.base.errors.InputError` if the state holds several loads, and for a network without a period.
     """
     found: Any = as_state(state)
-    if not found.follows_law:
-        return _make_network_atoms(found)
-    state = given_state(found)
-    scales, lattice = state.scales, state.packing.structure
-    spacing = 1.0 - state.relative_overlap if state.finite_overlap else 1.0
+    scales = found.scales
+    lattice: Any = found.packing.structure if found.follows_law else found.contact_lattice()
+    spacing = 1.0 - found.relative_overlap if found.follows_law and found.finite_overlap else 1.0
     cell, positions = np.eye(3), np.zeros((lattice.n_balls, 3))
     cell[: lattice.periods] = 0.0
-    cell[: lattice.periods, : lattice.dimension] = lattice.vectors * spacing
+    cell[: lattice.periods, : lattice.dimension] = (lattice.vectors if found.follows_law else lattice.cell) * spacing
     positions[:, : lattice.dimension] = lattice.positions * spacing
     balls = Atoms([BALL] * lattice.n_balls, positions=positions, cell=cell, pbc=np.arange(3) < lattice.periods)
+    if not found.follows_law:
+        network, kinds = found.network, found.kinds
+        balls.symbols = name_balls(lattice.masses, kinds)
+        balls.set_masses(lattice.masses)
+        balls.set_array("radius", network.radii[network.moving] / scales.length)
+        balls.info.update(scales.to_info())
+        if kinds:
+            balls.info["kinds"] = {symbol: name for name, symbol in choose_symbols(kinds).items()}
+        if turning := lattice.motions.rotations:
+            balls.set_array("rotations", np.zeros((len(balls), 3)[: 1 if turning == (2,) else 2]))
+        balls.calc = HarmonicContacts(found, balls)
+        return balls
+    state = given_state(found)
     kind = FINITE if state.finite_overlap else LATTICE
     take_arrays(balls, scales, kind, coordinates=count_coordinates(state.packing))
     balls.calc = HertzMindlin(state)
     return balls
 
 
-def _make_network_atoms(state: NetworkState) -> Atoms:
-    """Return the balls that move in one cell of a network, in its reduced units."""
-    lattice, network = state.contact_lattice(), state.network
-    cell, positions = np.eye(3), np.zeros((lattice.n_balls, 3))
-    cell[: lattice.periods] = 0.0
-    cell[: lattice.periods, : lattice.dimension] = lattice.cell
-    positions[:, : lattice.dimension] = lattice.positions
-    pbc = np.arange(3) < lattice.periods
-    symbols = name_balls(lattice.masses, state.kinds)
-    balls = Atoms(symbols, positions=positions, cell=cell, pbc=pbc, masses=lattice.masses)
-    balls.set_array("radius", network.radii[network.moving] / state.scales.length)
-    balls.info.update(state.scales.to_info())
-    if state.kinds:
-        balls.info["kinds"] = {symbol: name for name, symbol in choose_symbols(state.kinds).items()}
-    if turning := lattice.motions.rotations:
-        balls.set_array("rotations", np.zeros((len(balls), 3)[: 1 if turning == (2,) else 2]))
-    balls.calc = HarmonicContacts(state, balls)
-    return balls
-
-
-class HarmonicContacts(Calculator):  # type: ignore[misc]
+class HarmonicContacts(ContactCalculator):
     """ASE calculator of a network of contacts, to second order about its state, in the reduced units of the network.
 
     The energy over that of the state is V s:(F - 1), with the volume V of the cell, the stress s of the normal forces, and F
@@ -132,18 +120,11 @@ class HarmonicContacts(Calculator):  # type: ignore[misc]
     balls that bodies without motion hold.
     """
 
-    implemented_properties = ["energy", "free_energy", "forces", "stress"]
-    discard_results_on_any_change = True
+    follows = ("rotations",)
 
     def __init__(self, state: NetworkState, rest: Atoms) -> None:
         super().__init__()
         self.state, self._rest = state, rest.copy()
-
-    def check_state(self, atoms: Atoms, tol: float = 1e-15) -> list[str]:
-        """Return the names of what has changed since the last calculation, rotations among them."""
-        changes: list[str] = super().check_state(atoms, tol=tol)
-        turned = self.atoms is not None and not np.array_equal(*(a.arrays.get("rotations") for a in (self.atoms, atoms)))
-        return changes + ["rotations"] * turned
 
     def calculate(
         self, atoms: Atoms | None = None, properties: Any = ("energy",), system_changes: Any = all_changes
@@ -190,7 +171,7 @@ class HarmonicContacts(Calculator):  # type: ignore[misc]
         if not lattice.is_held:
             stress = static + strain.T @ static - (vector + moved).T @ pull
             stress /= abs(np.linalg.det(balls.cell.array[:p, :p]))
-            self.results["stress"] = (0.5 * (stress + stress.T))[_STRESS_ORDER]
+            self.results["stress"] = (0.5 * (stress + stress.T))[VOIGT]
         elif "stress" in properties:
             mend = "Ask for energy or forces"
             raise InputError("a network that bodies without motion hold has no stress of its own", mend=mend)
@@ -210,7 +191,7 @@ class HarmonicContacts(Calculator):  # type: ignore[misc]
         return self.state.network
 
 
-class HertzMindlin(Calculator):  # type: ignore[misc]
+class HertzMindlin(ContactCalculator):
     """ASE calculator of one-sided Hertz-Mindlin contacts, in the reduced units of its state.
 
     Energy, forces, torques and stress follow from positions and rotations. The energy of a contact follows from the state's
@@ -250,8 +231,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
     PrecisionError : when used, if delta/d < 1e-10: positions hold too few digits of the overlap.
     """
 
-    implemented_properties = ["energy", "free_energy", "forces", "stress"]
-    discard_results_on_any_change = True
+    follows = tuple(ARRAYS)
 
     def __new__(cls, state: Any = None, *balls: Any, **options: Any) -> Any:
         """Return a :class:`BallContacts` for a mapping of kinds of balls."""
@@ -291,11 +271,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
     def check_state(self, atoms: Atoms, tol: float = 1e-15) -> list[str]:
         """Return the names of what has changed since the last calculation: ASE's six properties and granphon's arrays."""
         changes: list[str] = super().check_state(atoms, tol=tol)
-        if self.atoms is not None:
-            old = self.atoms
-            changes += [name for name in ARRAYS if not np.array_equal(old.arrays.get(name), atoms.arrays.get(name))]
-            changes += ["masses"] * (has_masses(old) != has_masses(atoms))
-        return changes
+        return changes + ["masses"] * (self.atoms is not None and has_masses(self.atoms) != has_masses(atoms))
 
     def adopt(self, atoms: Atoms, like: Atoms | None = None) -> Atoms:
         """Return a copy of Atoms from elsewhere that has all that balls of this state need, and this calculator.
@@ -324,7 +300,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
         balls: Atoms = self.atoms
         if self._overlap - self._apart < _LEAST_OVERLAP:
             what = f"energy, forces and stress need positions, and balls overlap by {self._overlap - self._apart:.3g} d"
-            mend = "Use force constants, bands and velocities, which come from the state and stay exact"
+            mend = "Use force constants, bands and velocities, which need none"
             raise PrecisionError(what, f"Below {_LEAST_OVERLAP:g} positions hold too few digits of that", mend)
         law, n, m = self._choose_law(balls), len(balls), self._coordinates
         # the contacts that are closed at the positions of the balls
@@ -386,7 +362,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
             # stress is dE/d(strain of positions and cell) over the volume, one diameter thick across the periods
             stress = np.zeros((3, 3))
             stress[:m, :m] = -np.einsum("ca,cb->ab", pull, vector) / volume
-            self.results["stress"] = (0.5 * (stress + stress.T))[_STRESS_ORDER]
+            self.results["stress"] = (0.5 * (stress + stress.T))[VOIGT]
         elif "stress" in properties:
             mend = f"Give the cell {('a vector along x', 'two vectors in the plane', 'three vectors')[periods - 1]}"
             raise InputError(f"the cell has no {_EXTENTS[periods - 1]}", "Stress is force over area", mend)
@@ -408,7 +384,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
             exact, loaded = self.state.samples[0].is_exact, getattr(self.state, "work", None) is not None
             if exact or loaded:
                 how = "was loaded with friction" if loaded else "has its exact geometry"
-                why = "A calculator has the directions of the lattice, and no forces that depend on the way to the load"
+                why = "A calculator has neither a history nor true directions"
                 otherwise = "simulate without a history" if loaded else 'simulate with geometry="lattice"'
                 mend = f"Use the network of the sample, as gp.Waves(state.sample) does, or {otherwise}"
                 raise InputError(f"the Atoms are of a sample that {how}", why, mend)
@@ -485,8 +461,7 @@ class HertzMindlin(Calculator):  # type: ignore[misc]
             }  # fmt: skip
             if not is_one_of(motions, had):
                 what, why = f"the state has no motions {brief(motions)}", f"Its balls have the motions {own.name!r}"
-                mend = "Use " + ", ".join(had) + ", or make a state of a Packing with these motions"
-                raise InputError(what, why, mend)
+                raise InputError(what, why, "Use " + ", ".join(had) + ", or make a state of a Packing with these motions")
             moving = had[motions]
         law = self._choose_law(atoms)
         deviations = atoms.arrays["diameter_deviations"]

@@ -70,49 +70,34 @@ class PairList:
         numbers to the last digit as a new one. Raises :class:`~granphon.base.errors.InputError` for a periodic axis whose
         cell vector has no length, and for periods that are not independent of each other.
         """
-        if self._kept is None or not self._serves(positions, cell, periodic, cutoff):
-            reach = cutoff + _SKIN
-            found = _search(positions, cell, periodic, reach)
-            self._kept = found, positions.copy(), cell.copy(), periodic, reach
+        serves = False
+        if self._kept is not None and positions.shape == self._kept[1].shape and periodic == self._kept[3]:
+            _, old, last, _, reach = self._kept
+            # a change of the cell maps every vector to vector F. A pair that was beyond the reach is then at least s times
+            # the reach apart, where s is the smallest singular value of F, less what its two balls have moved besides
+            stretch = 1.0
+            if not np.array_equal(cell, last):
+                change = np.linalg.solve(last, cell) if abs(np.linalg.det(last)) >= _FLAT else np.zeros_like(cell)
+                stretch, old = float(np.linalg.svd(change, compute_uv=False)[-1]), old @ change
+            moved = positions - old
+            farthest = float(np.sqrt(np.max(np.einsum("na,na->n", moved, moved), initial=0.0)))
+            serves = stretch * reach - 2.0 * farthest >= cutoff
+        if self._kept is None or not serves:
+            reach, axes = cutoff + _SKIN, np.flatnonzero(periodic)
+            periods = cell[axes]
+            if not np.all(np.any(periods, axis=1)):
+                raise InputError("the balls are periodic along a cell vector of zero length", "The period is not known")
+            if len(axes) and np.prod(np.linalg.svd(periods, compute_uv=False)) < _FLAT:
+                what = f"the balls are periodic in a cell without {('a length', 'an area', 'a volume')[len(axes) - 1]}"
+                raise InputError(what, f"Its vectors are {'parallel' if len(axes) == 2 else 'not independent'}")
+            i, j, steps, vector = find_pairs(positions, periods, reach)
+            shift = np.zeros((len(i), len(cell)), np.intp)
+            shift[:, axes] = steps
+            self._kept = Pairs(i, j, shift, vector), positions.copy(), cell.copy(), periodic, reach
         i, j, shift, _ = self._kept[0]
         vector = positions[j] - positions[i] + shift @ cell
         near = np.einsum("ca,ca->c", vector, vector) < cutoff**2
         return Pairs(*keep_rows(near, i, j, shift, vector))
-
-    def _serves(self, positions: Array, cell: Array, periodic: tuple[bool, ...], cutoff: float) -> bool:
-        """Whether the kept list still holds every pair nearer than the cutoff.
-
-        A change of the cell maps every vector to vector F. A pair that was beyond the reach is then at least s times the
-        reach apart, where s is the smallest singular value of F, less what its two balls have moved besides.
-        """
-        assert self._kept is not None
-        _, old, last, axes, reach = self._kept
-        if positions.shape != old.shape or periodic != axes:
-            return False
-        stretch = 1.0
-        if not np.array_equal(cell, last):
-            if abs(np.linalg.det(last)) < _FLAT:
-                return False
-            change = np.linalg.solve(last, cell)
-            stretch, old = float(np.linalg.svd(change, compute_uv=False)[-1]), old @ change
-        moved = positions - old
-        farthest = float(np.sqrt(np.max(np.einsum("na,na->n", moved, moved), initial=0.0)))
-        return stretch * reach - 2.0 * farthest >= cutoff
-
-
-def _search(positions: Array, cell: Array, periodic: tuple[bool, ...], cutoff: float) -> Pairs:
-    """Find the pairs not farther apart than ``cutoff``, with a shift for each axis of the cell, periodic or not."""
-    axes = np.flatnonzero(periodic)
-    periods = cell[axes]
-    if not np.all(np.any(periods, axis=1)):
-        raise InputError("the balls are periodic along a cell vector of zero length", "The period is not known")
-    if len(axes) and np.prod(np.linalg.svd(periods, compute_uv=False)) < _FLAT:
-        what = f"the balls are periodic in a cell without {('a length', 'an area', 'a volume')[len(axes) - 1]}"
-        raise InputError(what, f"Its vectors are {'parallel' if len(axes) == 2 else 'not independent'}")
-    i, j, steps, vector = find_pairs(positions, periods, cutoff)
-    shift = np.zeros((len(i), len(cell)), np.intp)
-    shift[:, axes] = steps
-    return Pairs(i, j, shift, vector)
 
 
 # -- contacts -------------------------------------------------------------------------------------------------------------
@@ -199,9 +184,8 @@ class ContactFinder:
             what = f"contacts are turned against the lattice of the state, by {np.degrees(turn):.3g} degrees on average"
             if np.any(astray):
                 what = "balls touch in directions that are not those of the lattice"
-            why = "With friction, and in the paper's limit, contacts have the fixed directions of the lattice; these balls"
-            why += " are turned against the lattice, or were moved among each other"
-            mend = "Leave them in the orientation of gp.atoms(state), or use a state of finite overlap without friction"
+            why = "With friction, and in the limit of small overlap, contacts keep these"
+            mend = "Keep the orientation of gp.atoms(state), or take a state of finite overlap without friction"
             raise InputError(what, why, mend)
         return normal, near
 

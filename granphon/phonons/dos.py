@@ -7,15 +7,14 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.results import Result
 from granphon.base.staging import write_text
 from granphon.base.tables import Table, table_text
 from granphon.base.text import read_sealed, require_own_file, require_schema, seal, warn_unverified
 
-Array = NDArray[np.float64]
 _DOS_COLUMNS = ("frequency_Hz", "total_per_Hz", "translational_per_Hz", "rotational_per_Hz")
 #: share of the largest density by which a density may be below zero
 _ROUNDING = 1e-9

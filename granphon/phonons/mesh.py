@@ -18,11 +18,9 @@ from typing import NamedTuple
 
 import numpy as np
 from ase import Atoms
-from numpy.typing import NDArray
 
+from granphon.base.arrays import Array, Index
 from granphon.base.errors import needing
-
-Array = NDArray[np.float64]
 
 #: number of corners of simplices, times frequencies, that are held in memory at a time
 _HELD = 2**20
@@ -42,14 +40,14 @@ class ZoneMesh(NamedTuple):
     #: numbers of points along the reciprocal vectors, (p,)
     numbers: tuple[int, ...]
     #: the point among those left to which each point of the mesh is equivalent; the first axis runs fastest
-    left: NDArray[np.intp]
+    left: Index
     #: points left, (n, p) fractions of the reciprocal cell
     qpoints: Array
     #: number of points of the mesh to which each of them is equivalent, (n,)
-    weights: NDArray[np.intp]
+    weights: Index
 
     @classmethod
-    def of(cls, numbers: tuple[int, ...], group: NDArray[np.intp] | None = None) -> ZoneMesh:
+    def of(cls, numbers: tuple[int, ...], group: Index | None = None) -> ZoneMesh:
         """Return the mesh, reduced by a ``group`` (n, p, p) of :func:`find_point_group` and by time reversal.
 
         It is whole without a group, and where a rotation mixes axes of different numbers.
@@ -104,14 +102,21 @@ class ZoneMesh(NamedTuple):
                 first, last = (np.searchsorted(limits, knots[:, end]) for end in (0, -1))
                 within = np.repeat(np.arange(len(knots)), last - first)
                 limit = np.arange(len(within)) - np.repeat(np.cumsum(last - first) - last, last - first)
-                below = _distribution(limits[limit], knots[within].T)
+                # the distribution function there of the B-splines with these knots
+                at, own_knots = limits[limit], knots[within].T
+                below = [(at >= knot).astype(float) for knot in own_knots]
+                for degree in range(1, p + 2):
+                    for k in range(p + 2 - degree):
+                        width = np.maximum(own_knots[k + degree] - own_knots[k], _TINY)  # equal knots make a step
+                        part = np.clip((at - own_knots[k]) / width, 0.0, 1.0)
+                        below[k] = below[k + 1] + part * (below[k] - below[k + 1])
                 for count, one in zip(counted, each, strict=True):
                     count += np.cumsum(np.bincount(last, one, len(count)))
-                    count += np.bincount(limit, one[within] * below, len(count))
+                    count += np.bincount(limit, one[within] * below[0], len(count))
         return counted[:, :-1]
 
 
-def find_point_group(atoms: Atoms, periods: int, frequencies: Callable[[Array], Array]) -> NDArray[np.intp] | None:
+def find_point_group(atoms: Atoms, periods: int, frequencies: Callable[[Array], Array]) -> Index | None:
     """Return the rotations that keep ``frequencies``, (n, p, p), which act on fractions q as q @ rotation; None if unknown.
 
     They are of the layer or space group of the ``atoms``. Spglib knows the places of the balls, not the stiffness of
@@ -136,13 +141,3 @@ def find_point_group(atoms: Atoms, periods: int, frequencies: Callable[[Array], 
     rotations = np.unique(dataset.rotations[:, :periods, :periods], axis=0)
     values = frequencies(_PROBE[:periods] @ rotations)
     return rotations if np.ptp(values, axis=0).max() <= _EQUAL * values.max() else None
-
-
-def _distribution(at: Array, knots: Array) -> Array:
-    """Return the distribution function at ``at`` (n,) of the B-splines with the ascending ``knots`` (n_knots, n)."""
-    found: list[Array] = [(at >= knot).astype(float) for knot in knots]
-    for degree in range(1, len(knots)):
-        for k in range(len(knots) - degree):
-            width = np.maximum(knots[k + degree] - knots[k], _TINY)  # equal knots make a step
-            found[k] = found[k + 1] + np.clip((at - knots[k]) / width, 0.0, 1.0) * (found[k] - found[k + 1])
-    return found[0]

@@ -201,8 +201,7 @@ def read_paths(value: Any, periods: int = 2, letters: str = "") -> Pieces:
     for part in value.split(","):
         numbers = [_fraction(word, value, allowed) for word in part.split()]
         if len(numbers) % 3 or len(numbers) < 6:
-            found = f"{show(value)}, with {len(numbers)} numbers in a path"
-            raise Refused(found, allowed, "A path has two points or more.")
+            raise Refused(f"{show(value)}, with {len(numbers)} numbers in a path", allowed, "A path has two points or more.")
         points = tuple((numbers[n], numbers[n + 1], numbers[n + 2]) for n in range(0, len(numbers), 3))
         across = [place for point in points for place in range(periods, 3) if point[place] != 0.0]
         if across:
@@ -218,8 +217,7 @@ def _fraction(word: str, value: str, allowed: str) -> float:
     try:
         return fraction(word, _LARGEST_FRACTION)
     except Refused as refused:
-        numeric = re.fullmatch(NUMBER, word)
-        raise Refused(f"{show(word)} in {show(value)}", refused.allowed if numeric else allowed) from None
+        raise Refused(f"{show(word)} in {show(value)}", refused.allowed if re.fullmatch(NUMBER, word) else allowed) from None
 
 
 def read_point(value: Any, structure: Lattice) -> Array:
@@ -253,8 +251,7 @@ def read_labels(value: Any) -> tuple[str, ...]:
     words = value.split() if isinstance(value, str) else value
     listed = isinstance(words, list | tuple) and bool(words)
     if not listed or not all(isinstance(w, str) and re.fullmatch(r"[^\s'\"|]{1,40}", w) and w.isprintable() for w in words):
-        allowed = "a short label for each point of the band, such as G K M G, without quotes, spaces or |"
-        raise Refused(show(value), allowed)
+        raise Refused(show(value), "a short label for each point of the band, such as G K M G, without quotes, spaces or |")
     return tuple(words)
 
 

@@ -13,22 +13,23 @@ from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import touch_once_at_most
-from granphon.base.errors import InputError, brief, needing
+from granphon.base.errors import InputError, PrecisionError, brief, needing
 from granphon.base.scales import Units
 from granphon.base.text import counted
-from granphon.base.validation import grid_numbers, is_one_of, positive, real_array, whole_number
+from granphon.base.validation import frequency_array, grid_numbers, is_one_of, positive, real_array, whole_number
+from granphon.dynamics.bloch_waves import find_bloch_waves
 from granphon.dynamics.compatibility import MOST_BYTES
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.damping import ContactDamping, DampedModes, damp_evenly, damp_unevenly
+from granphon.dynamics.half_space import HalfSpace
 from granphon.media import cost as costs
 from granphon.media.cost import Cost
 from granphon.media.state import State, as_state, given_state
 from granphon.networks.network import given_network
 from granphon.observables.validity import find_warnings
-from granphon.phonons.bands import Bands, PhononModes
+from granphon.phonons.bands import Bands, ComplexBands, PhononModes
 from granphon.phonons.calculator import HertzMindlin, contact_blocks
 from granphon.phonons.calculator import atoms as lattice_atoms
-from granphon.phonons.complex_bands import ComplexBands, find_complex_bands
 from granphon.phonons.dos import DensityOfStates
 from granphon.phonons.mesh import ZoneMesh, find_point_group
 from granphon.phonons.paths import LARGEST_COUNT, MESHES, check_inside, default_letters, interpolate_path, special_points
@@ -59,6 +60,8 @@ _NARROW = 1e-2
 _STARTS, _TURNS = 6, 30
 #: number of branches beyond which it is sought from fewer points, as many edges are near
 _FEW_BRANCHES = 120
+#: part of a wave that the next layer must have, at least: that of a wave number with three digits
+_LEAST_PART = 1e-12
 #: step, 1/d, after which the frequency is that of the extremum to rounding
 _LEVEL = 1e-8
 
@@ -112,8 +115,7 @@ class Phonons:
             why, mend = "Wave vectors are fractions of its reciprocal vectors", "Give the Atoms a cell of any size"
             raise InputError("the Atoms have no cell", why, mend)
         if not len(self.lattice.contacts):
-            why = "They are apart, or are turned against the lattice of the state"
-            raise InputError("no two of these balls touch", why)
+            raise InputError("no two of these balls touch", "They are apart, or are turned against the lattice of the state")
         self.dim = self._choose_dim(dim)
 
     def __repr__(self) -> str:
@@ -247,11 +249,8 @@ class Phonons:
         Raises :class:`~granphon.base.errors.InputError` for a damping below zero, and for a cell that is not the cell of the
         state; :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
         """
-        points, network, top = (
-            _check_qpoints(qpoints, self._periods),
-            given_network(self.state),
-            self.scales.angular_frequency,
-        )
+        points, network = _check_qpoints(qpoints, self._periods), given_network(self.state)
+        top = self.scales.angular_frequency
         kept = network.moving[network.i] | network.moving[network.j]
         if np.count_nonzero(kept) != len(self.lattice.contacts):
             raise InputError("the Atoms are another cell than that of the state", mend="Leave atoms out")
@@ -355,12 +354,35 @@ class Phonons:
         damping, loss_factor : viscosity of contacts over their stiffness, s, and part of the stiffness that loses energy at
             any frequency, as in :meth:`Waves.response`: numbers, or tuples of two, for normal and for all other motion.
 
-        Raises :class:`~granphon.base.errors.PrecisionError` for a frequency at the very edge of a band.
+        Raises :class:`~granphon.base.errors.PrecisionError` for a frequency at the very edge of a band, and for one so high
+        that a wave decays by more than 1e12 from layer to layer.
         """
         network = given_network(self.state)
         if len(self.atoms) != int(np.count_nonzero(network.moving)):
             raise InputError("other atoms than those of the state", mend="Give the network of the larger cell")
-        return find_complex_bands(network, frequencies, axis, q, damping, loss_factor)
+        at = frequency_array("frequencies", frequencies, "above zero", in_order=False)
+        space = HalfSpace(network, axis)
+        damped = ContactDamping.of(space.cut, damping, loss_factor)
+        along, omega = space.read_wavevector(q), at / space.units.frequency
+        blocks = space.couplings(along, *(() if damped.is_none else damped.soften(2.0 * np.pi * at)))
+        far = omega**2 * _LEAST_PART > np.max(np.abs(blocks.inner))
+        senses = [] if np.any(far) else find_bloch_waves(blocks, omega**2, space.size // space.reach)
+        for n, pair in enumerate(senses):
+            far[n] = any(np.any(np.abs(one.factors) ** sign < _LEAST_PART) for one, sign in zip(pair, (1, -1), strict=True))
+        if np.any(far):
+            what = f"at {float(at[far][0]):g} Hz a wave decays by more than {1.0 / _LEAST_PART:g} from layer to layer"
+            raise PrecisionError(what, "Its wave number would have no digits", "Take other frequencies")
+        size = space.size
+        found = np.empty((len(at), 2, size), complex)
+        for row, pair in zip(found, senses, strict=True):
+            for half, waves, sign in zip(row, pair, (1.0, -1.0), strict=True):
+                numbers = space.wavenumbers(waves.factors, along)
+                numbers[: waves.running].imag = 0.0
+                half[:] = complex(0.0, sign * np.inf)
+                half[: len(numbers)] = numbers
+        # what reaches no other layer at any frequency is no wave
+        found = found[:, :, np.any(np.isfinite(found), axis=(0, 1))]
+        return ComplexBands(at, found.reshape(len(at), -1), np.array([one.running for one, _ in senses]), space.height)
 
     def dos(
         self, mesh: Sequence[int] | None = None, method: Literal["tetrahedron", "smearing"] = "tetrahedron",
@@ -462,44 +484,37 @@ class Phonons:
         order = np.argsort(-sign * values[:, branch], axis=0, kind="stable")[:several].T
         starts, (edges, several) = self.lattice.wavevectors(q[order]).reshape(-1, p), order.shape
         reach = float(np.max(np.linalg.norm(self.lattice.reciprocal, axis=1) / numbers))
-        best = self._climb(starts, np.repeat(branch, several), np.repeat(sign, several), reach)
+        # the highest frequencies times the sign, along the group velocity from each start, with the steps of J. Barzilai and
+        # J. M. Borwein (IMA J. Numer. Anal. 8, 141, 1988), none longer than ``reach``
+        own_branch, own_sign, at = np.repeat(branch, several), np.repeat(sign, several), starts.copy()
+        best, before, slope_before = np.full(len(at), -np.inf), at.copy(), np.zeros_like(at)
+        left = np.arange(len(at))
+        for turn in range(_TURNS):
+            modes, row = self.lattice.modes(at[left], np.eye(p)[0]), np.arange(left.size)
+            best[left] = np.maximum(best[left], own_sign[left] * modes.frequencies[row, own_branch[left]])
+            slope = own_sign[left, None] * modes.group_velocities[row, own_branch[left]]
+            moved, size = at[left] - before[left], np.linalg.norm(slope, axis=1)
+            bend = np.abs(np.sum(moved * (slope - slope_before[left]), axis=1))
+            step = np.divide(np.sum(moved**2, axis=1) * size, bend, out=np.zeros(left.size), where=bend > 0.0)
+            step = np.minimum(step if turn else 0.5 * reach, np.where(size > 0.0, reach, 0.0))
+            ahead = np.divide(step, size, out=np.zeros(left.size), where=size > 0.0)[:, None] * slope
+            before[left], slope_before[left] = at[left], slope
+            at[left] += ahead
+            left = left[step > _LEVEL]
+            if not left.size:
+                break
         best = best.reshape(edges, several).max(axis=1)
         # branches that cross at a point of their own make a cone, up which there is no way along group velocities
         width = -best[edges - len(gaps) :][gaps > 0] - best[: edges - len(gaps)]
-        for at in np.flatnonzero(np.tile(width < _NARROW * float(high[-1]), 2)):
-            place = at if at < len(width) else edges - len(gaps) + np.flatnonzero(gaps > 0)[at - len(width)]
+        for one in np.flatnonzero(np.tile(width < _NARROW * float(high[-1]), 2)):
+            place = one if one < len(width) else edges - len(gaps) + np.flatnonzero(gaps > 0)[one - len(width)]
             near = starts[place * several : (place + 1) * several]
-            best[place] = max(best[place], *(self._zoom(one, branch[place], sign[place], reach) for one in near))
+            best[place] = max(best[place], *(self._zoom(q0, branch[place], sign[place], reach) for q0 in near))
         edge = sign * best
         lower, upper = edge[: edges - len(gaps)], edge[edges - len(gaps) :]
         lower = np.concatenate([np.zeros(len(gaps) - len(lower)), lower])
         found = np.stack([np.maximum(lower, below[gaps]), upper], axis=1)[upper - lower > least]
         return np.reshape(found, (-1, 2)) * self.scales.frequency
-
-    def _climb(self, wavevectors: Array, branch: NDArray[np.intp], sign: Array, reach: float) -> Array:
-        """Return the highest frequencies times ``sign`` (n,) of branches (n,) that are met from wave vectors (n, p), 1/d.
-
-        The way is along the group velocity, with the steps of J. Barzilai and J. M. Borwein (IMA J. Numer. Anal. 8, 141,
-        1988), none longer than ``reach``.
-        """
-        along, count = np.eye(self._periods)[0], len(branch)
-        best, q = np.full(count, -np.inf), wavevectors.copy()
-        before, slope_before, left = q.copy(), np.zeros_like(q), np.arange(count)
-        for turn in range(_TURNS):
-            modes, row = self.lattice.modes(q[left], along), np.arange(left.size)
-            best[left] = np.maximum(best[left], sign[left] * modes.frequencies[row, branch[left]])
-            slope = sign[left, None] * modes.group_velocities[row, branch[left]]
-            moved, size = q[left] - before[left], np.linalg.norm(slope, axis=1)
-            bend = np.abs(np.sum(moved * (slope - slope_before[left]), axis=1))
-            step = np.divide(np.sum(moved**2, axis=1) * size, bend, out=np.zeros(left.size), where=bend > 0.0)
-            step = np.minimum(step if turn else 0.5 * reach, np.where(size > 0.0, reach, 0.0))
-            ahead = np.divide(step, size, out=np.zeros(left.size), where=size > 0.0)[:, None] * slope
-            before[left], slope_before[left] = q[left], slope
-            q[left] += ahead
-            left = left[step > _LEVEL]
-            if not left.size:
-                break
-        return best
 
     def _zoom(self, wavevector: Array, branch: int, sign: float, reach: float) -> float:
         """Return the highest frequency times ``sign`` of a branch about a wave vector (p,), 1/d, on ever finer meshes."""
@@ -534,6 +549,9 @@ class Phonons:
         Balls of several kinds have the symbols of :func:`~granphon.atoms`; the file names the kind of each.
 
         :func:`load_phonopy` reads the file back without the auxiliary atom. The folder is made if need be.
+
+        A file of granphon is replaced; if another is there, as one of phonopy's own,
+        :class:`~granphon.base.errors.FileExistsInRunError` is raised.
         """
         bridge, top = self.phonopy, self.lattice.top_frequency * self.scales.frequency
         from granphon.phonons.phonopy_bridge import write_phonopy  # by now it can be imported

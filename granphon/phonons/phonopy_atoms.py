@@ -15,16 +15,15 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granphon.balls.lattices import BALL
 from granphon.balls.motions import Motions, allowed_motions
+from granphon.base.arrays import Array, Complex
 from granphon.base.errors import InputError
 from granphon.base.results import read_only
 from granphon.base.scales import HertzPrefix, Units, file_header
 from granphon.base.text import show
 
-Array = NDArray[np.float64]
 #: chemical symbol of the atoms that hold rotations alone
 SPIN = "Sn"
 #: chemical symbols of balls of different masses, in the order in which these come
@@ -114,7 +113,7 @@ def place_atoms(positions: Array, motions: Motions, offset: Array = OFFSET) -> A
     return np.asarray((positions[:, None] + steps).reshape(-1, 3))
 
 
-def find_offset_phases(qpoints: Array, cell: Array) -> NDArray[np.complex128]:
+def find_offset_phases(qpoints: Array, cell: Array) -> Complex:
     """Return exp(i q.offset), (...), for ``qpoints`` (..., 3) in fractions of the reciprocal cell of ``cell`` (3, 3)."""
     return np.asarray(np.exp(2j * np.pi * (qpoints @ (OFFSET @ np.linalg.inv(cell)))))
 

@@ -15,12 +15,12 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 from phonopy import Phonopy
 from phonopy.physical_units import get_physical_units
 from phonopy.structure.atoms import PhonopyAtoms
 
 from granphon.balls.motions import Motions
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError, UnsupportedError
 from granphon.base.scales import HertzPrefix, Units, read_header
 from granphon.base.staging import write_text
@@ -34,8 +34,6 @@ from granphon.phonons.phonopy_atoms import (
     read_numbers,
     write_kinds,
 )  # fmt: skip
-
-Array = NDArray[np.float64]
 
 _SYMMETRY = "it imposes the sum rule or the space group of translations, and some coordinates are rotations"
 _DATASET = "it replaces the force constants by those of displaced supercells, and here they come from the contacts"

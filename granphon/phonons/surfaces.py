@@ -311,10 +311,8 @@ class Surface:
         Raises :class:`~granphon.base.errors.InputError` for an edge that is held, for balls that do not move along it and
         across it, and for a direction that leaves the edge.
         """
-        p, along = (
-            len(self.cell),
-            np.eye(max(len(self.cell), 1))[0] if direction is None else real_array("direction", direction),
-        )
+        p = len(self.cell)
+        along = np.eye(max(p, 1))[0] if direction is None else real_array("direction", direction)
         if along.shape == (p + 1,):
             turned = self.half_space.layers.turn[: p + 1, : p + 1] @ along
             if abs(turned[p]) > 1e-9 * np.linalg.norm(turned):

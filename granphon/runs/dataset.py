@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import PARAMETERS
-from granphon.base.errors import InputError, InstabilityError, MechanismError, needing
+from granphon.base.errors import InputError, InstabilityError, MechanismError, MissingPackageError, needing
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import LIGHT_VELOCITY, LOAD_KINDS, find_load_unit, is_si
 from granphon.base.results import restore
@@ -530,6 +530,8 @@ def load_sweep(path: str | os.PathLike[str]) -> Dataset:
         # open the bytes that were checked: the file itself may have changed since
         dataset = open_bytes(body)
         register_accessor()
+    except MissingPackageError:
+        raise
     except Exception as error:  # whatever makes HDF5, h5netcdf or xarray fail is in the file
         raise _explain_unreadable(path, str(error)) from None
     if dataset.attrs.get("format") != FORMAT:

@@ -18,7 +18,7 @@ from granphon.array.sample import standard_error
 from granphon.base.errors import ConvergenceError, InputError, LimitWarning, StoppedEarlyWarning
 from granphon.base.tables import Heading, table_text
 from granphon.media.crystal import CrystalState
-from granphon.media.state import NetworkStates
+from granphon.media.state import NetworkState
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.waves.motion import Motion
 from granphon.waves.nonlinear import Drive, NonlinearWaves
@@ -46,7 +46,7 @@ _BETWEEN, _STRAIGHT = (0.25, 0.75), 0.9
 
 def make_waves(x: Any, network: ContactNetwork, settings: MotionSettings) -> NonlinearWaves:
     """Return the balls of a ``network``, made of the state, sample or network ``x``, with the law of its contacts."""
-    state = x.source if isinstance(x, NetworkStates) else x
+    state = x.source if isinstance(x, NetworkState) else x
     law = state.crystal.law if isinstance(state, CrystalState) else None
     mu = math.inf if settings.friction_coefficient is None else settings.friction_coefficient
     return NonlinearWaves(network, law, friction_coefficient=mu, damping=settings.damping, geometry=settings.geometry)

@@ -128,10 +128,9 @@ class Store:
                 elif not before:
                     why = "The file does not say which work it belongs to"
                 raise FileExistsInRunError(
-                    f"{self.path} holds the finished part of other work, which was interrupted",
+                    f"{self.path} holds the finished part of other work",
                     why,
-                    "Repeat that command to continue it, use --force (force=True, overwrite=True) to discard what it "
-                    "has finished, or choose another folder",
+                    "Repeat that command, use --force (force=True, overwrite=True), or choose another folder",
                 )
             self.clear()
         if there and self.path.exists() and not os.access(self.path, os.W_OK):

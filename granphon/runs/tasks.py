@@ -370,7 +370,7 @@ class MediumTask(Task):
         out = find(("state",))
         try:
             # a floor or clamp holds the balls, which long waves move
-            if asked.sound or (self.serving.packing.repeats and not state.is_held):
+            if asked.sound or (self.serving.packing.repeats and not self.serving.packing.is_held):
                 out |= find(("velocities",))
                 notes += warn_of_free_branches(state, analysis.velocities.velocities)
         except MechanismError as error:

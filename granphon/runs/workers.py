@@ -26,11 +26,10 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
-from importlib.util import find_spec
 from multiprocessing.connection import wait
 from typing import Any, cast
 
-from granphon.base.errors import GranphonError, InputError
+from granphon.base.errors import GranphonError, InputError, needing
 from granphon.base.text import versions
 from granphon.media.cost import available_memory
 from granphon.runs import MOST_WORKERS
@@ -46,11 +45,6 @@ _SETTINGS: dict[str, Any] = {
     "distributed.scheduler.allowed-failures": 0, "distributed.scheduler.http.routes": [],
     "distributed.worker.http.routes": [],
 }  # fmt: skip
-#: what must be installed for a scheduler, and why; the latter for a local one
-_NEEDED = {
-    "distributed": "A scheduler is one of dask.distributed",
-    "cryptography": "It makes the certificates that a local scheduler is closed with",
-}
 
 
 @cache
@@ -195,7 +189,7 @@ class InProcess(Executor):
 def require_workers(workers: int | None, scheduler: str | None) -> str | int | None:
     """Return the address of a ``scheduler``, the number of processes of "local:N", or None without a scheduler.
 
-    Raises :class:`~granphon.base.errors.InputError` as :func:`open_executor` does.
+    Raises what :func:`open_executor` raises.
     """
     if scheduler is None:
         return None
@@ -209,10 +203,8 @@ def require_workers(workers: int | None, scheduler: str | None) -> str | int | N
     if workers is not None:
         what = "both --workers and --scheduler are given"
         raise InputError(what, "The workers are those of the scheduler", "Leave one of them out")
-    for package, why in list(_NEEDED.items())[: 1 + local]:
-        if find_spec(package) is None:
-            raise InputError(f"{package} is not installed", why, "Install it: pip install 'granphon[distributed]'")
-    return int(count) if local else scheduler
+    with needing("A scheduler", *("distributed", "cryptography")[: 1 + local]):  # the latter is for a local one
+        return int(count) if local else scheduler
 
 
 @contextmanager
@@ -224,7 +216,8 @@ def open_executor(workers: int | None = None, scheduler: str | None = None) -> I
 
     Raises
     ------
-    InputError : ``scheduler`` is neither; there are ``workers`` besides; or distributed is not installed.
+    InputError : ``scheduler`` is neither, or there are ``workers`` besides.
+    MissingPackageError : distributed is not installed, or for a local scheduler cryptography.
     GranphonError : the scheduler does not answer, or processes cannot be started.
     """
     asked = require_workers(workers, scheduler)

@@ -67,9 +67,9 @@ def redraw(
     alone = waves in (["surface"], ["motion"]) and set(have) == {"sweep.nc"} and out is None and variable is None
     wave = next((name for name in waves if name == stem), next(iter(waves), None) if alone or not have else None)
     if not (have or waves):
-        what = f"{source} holds neither sweep.nc nor band.yaml nor dos.csv nor fit.yaml, and no waves of a simulation"
+        what = f"{source} holds no result that can be drawn"
         why = "forces.png is drawn by 'granphon run' alone" if (source / "forces.png").is_file() else ""
-        raise InputError(what, why, "Give a folder with bands, a density of states or a sweep that 'granphon run' wrote")
+        raise InputError(what, why, "Give a folder of 'granphon run' with bands, a density of states or a sweep")
     if wave is not None:
         have = {}
     elif variable is None and stem not in _OF_SWEEPS and (spectra := {"band.yaml", "dos.csv"} & set(have)):

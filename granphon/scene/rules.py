@@ -20,8 +20,7 @@ import numpy as np
 from granphon.balls.ball import Ball
 from granphon.balls.contact_laws import LAWS, TabulatedLaw
 from granphon.balls.diameters import Discrete, Measured, Normal, Uniform
-from granphon.balls.kinds import STRUCTURES
-from granphon.balls.lattices import LATTICES, TRIANGULAR, Lattice, as_direction, find_lattice
+from granphon.balls.lattices import LATTICES, STRUCTURES, TRIANGULAR, Lattice, as_direction, find_lattice
 from granphon.balls.layers import EDGES, read_axis
 from granphon.balls.material import Material, read_poisson_ratio
 from granphon.balls.motions import allowed_motions

@@ -23,36 +23,54 @@ from granphon.balls.contact_laws import opening_overlap
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 #: contacts that are worked on at a time, which stay in the processor's cache
-_BLOCK = 8192
+_BLOCK = 16384
 #: what stands for zero where it divides zero
 _NONE = np.finfo(float).tiny
 #: change of an overlap, over the overlap, below which the mean force is that of both ends: the rest is below rounding
 _CLOSE = 1e-5
 
 
+def divide(n: int, rows: int, size: int = _BLOCK) -> list[Any]:
+    """Return parts of n contacts, each as a slice of them, and then ``rows`` arrays to work with, (contacts,)."""
+    room = np.empty((rows, min(n, size)))
+    return [(slice(low, low + size), *room[:, : n - low]) for low in range(0, n, size)]
+
+
+def share(values: Array) -> Array:
+    """Return values (..., n) of contacts, held once where all are the same: they are read faster."""
+    return np.broadcast_to(values[..., :1], values.shape) if np.all(values == values[..., :1]) else values
+
+
 class Powers:
     """Normal forces c h_+^a of contacts (n,), as functions of their elongation e from rest."""
 
     def __init__(self, exponent: float, coefficient: Array, overlap: Array) -> None:
-        self.exponent, self.coefficient, self.overlap = exponent, coefficient, overlap
-        self.root, self.rest = np.sqrt(overlap), coefficient * overlap**exponent
+        self.exponent, self.coefficient, self.overlap = exponent, share(coefficient), share(overlap)
+        self.root, self.rest = share(np.maximum(np.sqrt(overlap), _NONE)), share(coefficient * overlap**exponent)
+        self._fall, self._rise = share(-coefficient), share(hertz.stiffness_of(coefficient))
 
     def join(self, coefficient: Array, overlap: Array) -> Self:
         """Return these laws and some more."""
         parts = ((self.coefficient, coefficient), (self.overlap, overlap))
         return type(self)(self.exponent, *(np.concatenate(each) for each in parts))
 
-    def press(self, e: Array, at: slice = slice(None)) -> tuple[Array, Array]:
-        """Return f - f_0, without a difference of near-equal forces, and the stiffness, of the contacts ``at``."""
+    def press(self, e: Array, at: slice = slice(None), out: Any = None) -> tuple[Array, Array]:
+        """Return f - f_0, without a difference of near-equal forces, and the stiffness, of the contacts ``at``.
+
+        They may be written to ``out``.
+        """
         a, c, rest = self.exponent, self.coefficient[at], self.overlap[at]
         if a == hertz.EXPONENT:
-            change, _, root = hertz.release(rest, self.root[at], e)
-            return c * change, hertz.stiffness_of(c * root)
+            change, k = hertz.release(rest, self.root[at], e, (np.empty_like(e), np.empty_like(e)) if out is None else out)
+            change *= self._fall[at]
+            k *= self._rise[at]
+            return change, k
         h = np.maximum(rest - e, 0.0)
         part = np.divide(-e, rest, out=np.zeros_like(e), where=rest > 0.0)
         with np.errstate(divide="ignore"):
             change = self.rest[at] * np.expm1(a * np.log1p(np.maximum(part, -1.0)))
-        return np.where(rest > 0.0, change, c * h**a), np.where(h > 0.0, a * c * h ** (a - 1.0), 0.0)
+        found = np.where(rest > 0.0, change, c * h**a), np.where(h > 0.0, a * c * h ** (a - 1.0), 0.0)
+        return found if out is None else _write(found, out)
 
     def mean(self, e: Array, other: Array) -> Array:
         """Return the mean of f - f_0 on the straight way from one elongation to another."""
@@ -63,7 +81,7 @@ class Powers:
     def store(self, e: Array) -> Array:
         """Return the energy of each contact and of its share of the load, J, since rest: zero at e = 0, and never below."""
         if self.exponent == hertz.EXPONENT:
-            return np.asarray(self.coefficient * hertz.stretch(self.overlap, self.root, e)[1])
+            return np.asarray(self.coefficient * hertz.stretch(self.overlap, self.root, e))
         a, h = self.exponent, np.maximum(self.overlap - e, 0.0)
         return self.coefficient * (h ** (a + 1.0) - self.overlap ** (a + 1.0)) / (a + 1.0) + self.rest * e
 
@@ -91,10 +109,11 @@ class PairLaws:
             out[at] = getattr(law, name)(overlap[at])
         return out
 
-    def press(self, e: Array, at: slice = slice(None)) -> tuple[Array, Array]:
+    def press(self, e: Array, at: slice = slice(None), out: Any = None) -> tuple[Array, Array]:
         """As for :class:`Powers`, of all contacts."""
         h = self.overlap - e
-        return self._find("force", h) - self.rest, np.maximum(self._find("stiffness", h), 0.0)
+        found = self._find("force", h) - self.rest, np.maximum(self._find("stiffness", h), 0.0)
+        return found if out is None else _write(found, out)
 
     def mean(self, e: Array, other: Array) -> Array:
         """As for :class:`Powers`."""
@@ -115,6 +134,12 @@ def _mean_of(law: Powers | PairLaws, e: Array, other: Array) -> Array:
     far = np.abs(way) > _CLOSE * np.abs(law.overlap - e)
     both = 0.5 * (law.press(e)[0] + law.press(other)[0])
     return np.divide(law.store(e) - law.store(other), way, out=both, where=far)
+
+
+def _write(found: tuple[Array, Array], out: tuple[Array, Array]) -> tuple[Array, Array]:
+    for one, values in zip(out, found, strict=True):
+        one[:] = values
+    return out
 
 
 class Touch(NamedTuple):
@@ -140,9 +165,8 @@ class ContactForces:
 
     def __init__(self, normal: Powers | PairLaws, ratio: Array, slips: int, mu: float, times: Array) -> None:
         self.normal, self.ratio, self.slips, self.mu, self.times = normal, ratio, slips, mu, times
-        n = ratio.shape[1]
-        size = _BLOCK if isinstance(normal, Powers) else max(n, 1)
-        self._blocks = [slice(low, min(low + size, n)) for low in range(0, n, size)]
+        self._half, n = share(0.5 * ratio), ratio.shape[1]
+        self._blocks = divide(n, 3, _BLOCK if isinstance(normal, Powers) else max(n, 1))
 
     def begin(self, e: Array, moved: Array, held: Array) -> Touch:
         """Return contacts that have come to e and deformations ``moved`` (rows - 1, n) without sliding, but for the limit.
@@ -151,36 +175,45 @@ class ContactForces:
         """
         change, k = self.normal.press(e)
         touch = Touch(e, np.concatenate([change[None], held + self.ratio * k * moved]), k)
-        self._slide(touch.pull, slice(None))
+        for at, limit, *_ in self._blocks:
+            self._slide(touch.pull, at, limit)
         return touch
 
-    def follow(self, before: Touch, e: Array, moved: Array, held: Array | None = None) -> tuple[Touch, float]:
+    def follow(self, before: Touch, e: Array, moved: Array, held: Array, out: Touch | None = None) -> tuple[Touch, float]:
         """Return contacts after deformations ``moved`` (rows - 1, n) on the way to e, and the work of slip, twist and roll.
 
-        ``held`` are the tangential forces before, as they have turned.
+        ``held`` are the tangential forces before, as they have turned. ``out`` is not needed any more, and written over.
         """
-        after = Touch(e, np.empty(before.pull.shape), np.empty(before.k.shape))
-        old, work = before.pull[1:] if held is None else held, 0.0
-        for at in self._blocks:
-            after.pull[0, at], k = self.normal.press(e[at], at)
-            after.k[at] = k
-            if len(old):
-                least = np.minimum(k, before.k[at])
-                t, way = after.pull[1:, at], moved[:, at]
-                np.multiply(self.ratio[:, at], 0.5 * (k + least), out=t)
+        pull, k = (np.empty_like(before.pull), np.empty_like(before.k)) if out is None else (out.pull, out.k)
+        work = 0.0
+        for at, least, mean, part in self._blocks:
+            now, then = k[at], before.k[at]
+            self.normal.press(e[at], at, (pull[0, at], now))
+            if not len(moved):
+                continue
+            np.add(np.minimum(now, then, out=least), now, out=mean)
+            least /= np.maximum(then, _NONE, out=part)  # what the law leaves of a force: nothing where contacts were open
+            rows = [(t[at], way[at], old[at]) for t, way, old in zip(pull[1:], moved, held, strict=True)]
+            for (t, way, old), half in zip(rows, self._half, strict=True):
+                np.multiply(half[at], mean, out=t)
                 t *= way
-                least /= np.maximum(before.k[at], _NONE)  # what the law leaves of a force: nothing where contacts were open
-                t += old[:, at] * least
-                self._slide(after.pull, at)
-                work += 0.5 * float(np.einsum("ij,ij->", t + old[:, at], way))
-        return after, work
+                t += np.multiply(old, least, out=part)
+            self._slide(pull, at, mean)
+            for t, way, old in rows:
+                work += 0.5 * float(np.dot(t, way) + np.dot(old, way))
+        return Touch(e, pull, k), work
 
-    def _slide(self, pull: Array, at: slice) -> None:
+    def _slide(self, pull: Array, at: slice, limit: Array) -> None:
+        """Bring forces of slip to Coulomb's limit, which is written to ``limit``."""
         if self.mu < math.inf and self.slips:
-            limit = self.mu * np.maximum(pull[0, at] + self.normal.rest[at], 0.0)
+            np.maximum(np.add(pull[0, at], self.normal.rest[at], out=limit), 0.0, out=limit)
+            limit *= self.mu
             shears = pull[1 : 1 + self.slips, at]
-            size = np.abs(shears[0]) if self.slips == 1 else np.sqrt(np.einsum("ij,ij->j", shears, shears))
-            np.maximum(size, limit, out=size)
+            if self.slips == 1:
+                np.minimum(shears[0], limit, out=shears[0])
+                np.maximum(shears[0], np.negative(limit, out=limit), out=shears[0])
+                return
+            size = np.maximum(np.sqrt(np.einsum("ij,ij->j", shears, shears)), limit)
             shears *= np.divide(limit, np.maximum(size, _NONE, out=size), out=size)
 
     def damp(self, k: Array, rates: Array) -> Array:

@@ -1,7 +1,8 @@
 """How contacts deform as balls move, and how their forces act on the balls: in the directions of rest, or in the true ones.
 
-Both take mass-weighted motions x of the balls that move and the ways of the drives. A geometry at a moment has elongations
-(n_c,); between two moments there are slips, twists and rolls (rows - 1, n_c). Forces are a ``pull`` (rows, n_c) of
+Both take mass-weighted motions x of the balls that move and the ways of the drives, which they join to the motions of
+contacts by a sparse matrix G; forces come back by its transpose. A geometry at a moment has elongations (n_c,); between two
+moments there are slips, twists and rolls (rows - 1, n_c). Forces are a ``pull`` (rows, n_c) of
 :class:`~granphon.waves.contact_forces.Touch`.
 
 In the directions of rest all is linear, by the rows of :mod:`granphon.dynamics.rows`. In the true ones r joins two balls
@@ -13,19 +14,44 @@ that hold the balls at rest keep their directions. In a plane T is a number, whi
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.array.sparse_matrices import compose
+from granphon.waves.contact_forces import divide, share
 from granphon.waves.operator import WaveOperator
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 
-class FixedDirections:
+class _Directions:
+    """What contacts have of the motions of their balls: G x, and s for a unit way of each drive."""
+
+    #: (count - 1, n_c) forces across contacts at rest, and (size,) those of the loads that hold the balls against them
+    held: Array
+    load: Array
+    _forward: Any
+    _back: Any
+    _strain: Array
+
+    def _move(self, x: Array, ways: Array) -> Array:
+        """Return the motions of contacts, (rows, n_c)."""
+        found = self._forward @ x
+        if ways.size:
+            found += ways @ self._strain
+        return np.asarray(found.reshape(-1, self.held.shape[1]))
+
+    def turn(self, pull: Array, before: Any, after: Any, first: bool = True) -> Array:
+        """Return the forces across contacts as they have turned in the first half of a step: as they are."""
+        return pull[1:]
+
+    def turn_on(self, pull: Array, before: Any, after: Any) -> None:
+        """Turn the forces across contacts in the second half of a step."""
+
+
+class FixedDirections(_Directions):
     """Deformations in the directions of the network, which are linear in the motions.
 
     Attributes
@@ -61,41 +87,35 @@ class FixedDirections:
             axes = list(operator.motions.translations)
             for place in range(self.slips):
                 self.held[place] = -np.sum(network.tangential_force[:, axes] * rows[1 + place].head[:, : len(axes)], axis=1)
+        self.load = -(self._back @ np.concatenate([np.zeros((1, n)), self.held]).ravel())
 
     def top(self, stiffness: Array) -> float:
         """Return a bound of the angular frequencies of contacts of a normal ``stiffness`` (n_c,), rad/s."""
         n = self.held.shape[1]
         if len(stiffness) > n:  # balls have met
             stiffness = np.maximum(stiffness[:n], stiffness[n:].max())
-        each = np.concatenate([stiffness[None], self.ratio * stiffness])
-        rows = self._reach.T @ np.ones(self._reach.shape[0])
-        return float(np.sqrt(np.max(self._reach @ (each.ravel() * rows))))
+        each = np.concatenate([stiffness[None], self.ratio * stiffness]).ravel()
+        return float(np.sqrt(np.max(self._reach @ (each * (self._reach.T @ np.ones(len(self.load)))))))
 
-    def at(self, x: Array, ways: Array) -> Array:
+    def at(self, x: Array, ways: Array, out: Any = None) -> Array:
         """Return the deformations (count, n_c)."""
-        found = self._forward @ x
-        if ways.size:
-            found += ways @ self._strain
-        return np.asarray(found.reshape(self.count, -1))
+        return self._move(x, ways)
 
     def rate(self, at: Array, v: Array, ways: Array) -> Array:
         """Return the rates of all deformations (count, n_c), at velocities ``v`` and speeds of the drives."""
-        return self.at(v, ways)
+        return self._move(v, ways)
 
-    def since(self, before: Array, after: Array) -> Array:
-        """Return slips, twists and rolls between two moments."""
-        return np.asarray(after[1:] - before[1:])
+    def step(self, before: Array, x: Array, ways: Array, out: Any = None) -> tuple[Array, Array]:
+        """Return the deformations, and slips, twists and rolls since those before."""
+        after = self._move(x, ways)
+        return after, np.asarray(after[1:] - before[1:])
 
     def elongation(self, at: Array) -> Array:
         """Return e of a moment."""
         return np.asarray(at[0])
 
-    def turn(self, pull: Array, before: Array, after: Array, half: int) -> Array:
-        """Return the forces across contacts as they have turned in the first or the second half of a step: as they are."""
-        return pull[1:]
-
     def push(self, at: Array, pull: Array, before: Array | None = None) -> Array:
-        """Return the accelerations (size,) of a pull; with ``before``, its mean over a step."""
+        """Return the accelerations (size,) of a pull, without :attr:`load`; with ``before``, its mean over a step."""
         return np.asarray(self._back @ pull.ravel())
 
     def resist(self, at: Array, pull: Array, before: Array | None = None) -> Array:
@@ -103,29 +123,30 @@ class FixedDirections:
         tension = np.concatenate([-pull[:1], pull[1:] - self.held])
         return np.asarray(self._strain @ tension.ravel())
 
-    def rest_energy(self, at: Array, x: Array) -> float:
+    def rest_energy(self, at: Array) -> float:
         """Return the energy that static forces across contacts take up, J."""
         return -float(np.sum(self.held * at[1:]))
 
 
 class Moment(NamedTuple):
-    """Balls at a moment: displacements and rotations (3, n), vectors r across contacts (3, n_c), lengths and elongations."""
+    """Contacts at a moment: motions (rows, n_c), vectors r across them (axes, n_c), lengths |r| and elongations (n_c,)."""
 
-    u: Array
-    turned: Array
+    moved: Array
     r: Array
     length: Array
     e: Array
 
 
-class TrueDirections:
+class TrueDirections(_Directions):
     """Deformations in the true directions. Slips and rolls are vectors: slip has three rows, twist one, roll three.
 
     ``rest`` (n_c,) are the normal forces of the network at rest, and ``more`` contacts (i, j, shift) besides, which begin to
-    push where the distance of two balls is that of their radii and a ``bulge``.
+    push where the distance of two balls is that of their radii and a ``bulge``. A contact has of the motions of its balls
+    their displacements across it; the sum of their rotations, each times the part of |r| that is its arm; the rotation of
+    ball j less that of i; and the sum of both.
     """
 
-    count, slips = 8, 3
+    slips = 3
     #: axes of displacements and of rotations
     axes: tuple[int, ...] = (0, 1, 2)
     turns: tuple[int, ...] = (0, 1, 2)
@@ -134,11 +155,10 @@ class TrueDirections:
         self, operator: WaveOperator, fixed: FixedDirections, moved: list[tuple[Index, Array]], rest: Array,
         more: tuple[Index, Index, Index], bulge: float,
     ) -> None:  # fmt: skip
-        network, self.operator, self.top = operator.network, operator, fixed.top
-        self._drives = [(balls, along[list(self.axes)]) for balls, along in moved]
+        network, motions, self.top = operator.network, operator.motions, fixed.top
         (i, j, shift), extra = more, len(more[0])
-        self.i, self.j = np.concatenate([network.i, i]), np.concatenate([network.j, j])
-        flat = np.isinf(network.distance)
+        ends = i_of, j_of = np.concatenate([network.i, i]), np.concatenate([network.j, j])
+        flat, n = np.isinf(network.distance), len(i_of)
         vectors = np.where(flat[:, None], network.normal, network.vector)
         apart, at_wall = network.positions[j] + shift @ network.cell - network.positions[i], np.isinf(network.radii[j])
         gap = np.linalg.norm(apart, axis=1) - network.radii[i] - np.where(at_wall, 0.0, network.radii[j]) - bulge
@@ -147,168 +167,218 @@ class TrueDirections:
             plane = network.positions[network.i[one]] + network.arm_i[one] * network.normal[one]
             apart[own] = network.normal[one]
             gap[own] = (plane - network.positions[i[own]]) @ network.normal[one] - network.radii[i[own]]
-        self._gap = np.append(np.zeros(network.n_contacts), gap)
+        self._gap = np.append(np.zeros(network.n_contacts), gap) if extra else gap
         self._r = np.ascontiguousarray(np.concatenate([vectors, apart]).T[list(self.axes)])
-        self._length = np.sqrt(np.sum(self._r**2, axis=0))
-        self._flat = np.concatenate([flat, at_wall])
-        self._walls = np.flatnonzero(self._flat)
-        self._arm = np.concatenate([network.arm_i, network.radii[i]])
-        # arms share the distance, so that torques balance the moment of forces across contacts
-        far = np.where(np.isinf(network.radii[j]), 0.0, network.radii[j])
-        self._share = self._arm / (self._arm + np.concatenate([network.arm_j, far]))
+        self._square = np.sum(self._r**2, axis=0)
+        self._length = np.sqrt(self._square)
+        walls = np.flatnonzero(np.concatenate([flat, at_wall]))  # r is the normal, of length one
         stiffness = (network.shear_stiffness, network.torsion_stiffness, network.bending_stiffness)
         slip, twist, roll = (
             np.append(one := each / network.normal_stiffness, np.full(extra, np.mean(one))) for each in stiffness
         )
-        held = np.zeros((3, len(self.i)))
+        held = np.zeros((3, n))
         if network.tangential_force is not None:
             held[:, : network.n_contacts] = -network.tangential_force.T
         self.ratio, self.held = self._list_rows(slip, twist, roll, held)
-        both = np.concatenate([self.j, self.i])
-        self._ends = compose([(both, np.arange(len(both)), 1.0)], (network.n_balls, len(both)))
-        # where each motion of a ball stands among its displacements and rotations, and in a vector, and its weight
-        weights, motions = np.sqrt(np.stack([network.masses, network.inertias])[:, operator.balls]), operator.motions
-        rows = [self.axes.index(axis) for axis in motions.translations]
-        rows += [len(self.axes) + self.turns.index(axis) for axis in motions.rotations]
-        self._places = [(row, column, weights[int(column >= len(motions.translations))]) for column, row in enumerate(rows)]
-        self._rest = np.append(rest, np.zeros(extra))
-        # loads that hold the balls at rest, against forces and torques of contacts
-        self._load = np.zeros((len(self.axes) + len(self.turns), network.n_balls))
-        still = self.at(np.zeros(operator.size), np.zeros(len(moved)))
-        self._load = -self._act(still, np.concatenate([np.zeros((1, len(self.i))), self.held]), None)
+        self.count = 1 + len(self.ratio)
+        self._rest = share(np.append(rest, np.zeros(extra)))
+        # arms share the distance, so that torques balance the moment of forces across contacts
+        arm = np.concatenate([network.arm_i, network.radii[i]])
+        near = arm / (arm + np.concatenate([network.arm_j, np.where(at_wall, 0.0, network.radii[j])]))
+        other = 1.0 - near
+        near[walls], other[walls] = arm[walls], 0.0
+        kinds = [(axis, -1.0, 1.0) for axis in self.axes] + [
+            (3 + axis, *parts) for parts in self._parts(near, other) for axis in self.turns
+        ]
+        places, weights = np.zeros((6, network.n_balls), np.int32), np.zeros((6, network.n_balls))
+        for column, axis in enumerate([*motions.translations, *(3 + axis for axis in motions.rotations)]):
+            places[axis, operator.balls] = operator.values(np.arange(operator.size))[:, column]
+            own_mass = network.masses if axis < 3 else network.inertias
+            weights[axis, operator.balls] = 1.0 / np.sqrt(own_mass[operator.balls])
+        entries, columns = np.empty((len(kinds), n, 2)), np.empty((len(kinds), n, 2), np.int32)
+        for line, (axis, *parts) in enumerate(kinds):
+            for place, (end, part) in enumerate(zip(ends, parts, strict=True)):
+                entries[line, :, place], columns[line, :, place] = part * weights[axis, end], places[axis, end]
+        starts = np.arange(0, entries.size + 1, 2, dtype=np.int32)
+        self._forward = type(fixed._forward)((entries.ravel(), columns.ravel(), starts), (starts.size - 1, operator.size))
+        self._forward.sum_duplicates()
+        self._forward.eliminate_zeros()
+        self._strain = np.zeros((len(moved), len(kinds) * n))
+        for strain, (balls, along) in zip(self._strain, moved, strict=True):
+            driven = np.isin(np.arange(network.n_balls), balls).astype(float)
+            strain[: len(self.axes) * n] = np.outer(along[list(self.axes)], driven[j_of] - driven[i_of]).ravel()
+        self._blocks = [(at, walls[(walls >= at.start) & (walls < at.stop)], *work) for at, *work in divide(n, 3)]
+        self._way, self._acting = np.zeros((self.count - 1, n)), np.zeros((len(kinds), n))
+        self._back = self._forward.T.tocsr()
+        at = self.at(np.zeros(operator.size), np.zeros(len(moved)))
+        self._still = self._act(at, np.concatenate([np.zeros((1, n)), self.held]), None).copy()
+        self.load = -(self._back @ self._still)
 
     def _list_rows(self, slip: Array, twist: Array, roll: Array, held: Array) -> tuple[Array, Array]:
         """Return the ratios of stiffnesses (rows - 1, n_c), and forces across contacts at rest likewise."""
         return np.array([slip] * 3 + [twist] + [roll] * 3), np.concatenate([held, np.zeros((4, len(slip)))])
 
-    def _spread(self, x: Array, ways: Array) -> tuple[Array, Array]:
-        """Return vectors (axes, n) of all balls from mass-weighted motions: displacements, and rotations."""
-        values, out = self.operator.values(x), np.zeros(self._load.shape)
-        for row, column, weight in self._places:
-            out[row, self.operator.balls] = values[:, column] / weight
-        for way, (balls, along) in zip(ways, self._drives, strict=True):
-            out[: len(self.axes), balls] = (way * along)[:, None]
-        return out[: len(self.axes)], out[len(self.axes) :]
+    def _parts(self, near: Array, other: Array) -> list[tuple[Any, Any]]:
+        """Return the parts that rotations of balls i and j have in those of contacts, for each axis in turn."""
+        return [(near, other), (-1.0, 1.0), (1.0, 1.0)]
 
-    def at(self, x: Array, ways: Array) -> Moment:
-        """Return the balls at a moment."""
-        u, turned = self._spread(x, ways)
-        across = self._difference(u)
-        r = self._r + across
-        r[:, self._walls] = self._r[:, self._walls]
-        length = np.sqrt(np.einsum("ij,ij->j", r, r))
-        # no difference of near-equal lengths
-        e = np.einsum("ij,ij->j", self._r + r, across) / (length + self._length)
-        return Moment(u, turned, r, length, e + self._gap)
+    def at(self, x: Array, ways: Array, out: Moment | None = None) -> Moment:
+        """Return the balls at a moment; one that is not needed any more may be overwritten."""
+        found = self._begin(x, ways, out)
+        for block in self._blocks:
+            self._place(found, *block)
+        return found
 
-    def _difference(self, of_balls: Array) -> Array:
-        """Return what balls j have more than balls i, (axes, n_c)."""
-        return np.asarray(of_balls.take(self.j, axis=1) - of_balls.take(self.i, axis=1))
+    def step(self, before: Moment, x: Array, ways: Array, out: Moment | None = None) -> tuple[Moment, Array]:
+        """Return the balls at a moment, as for :meth:`at`, and slips, twists and rolls since the one before."""
+        after = self._begin(x, ways, out)
+        for block in self._blocks:
+            self._place(after, *block)
+            self._slip(before, after, *block)
+        return after, self._way
+
+    def _slip(self, before: Moment, after: Moment, at: slice, *room: Array) -> None:
+        """Set slips, twists and rolls between two moments, across the mean of r."""
+        r = 0.5 * (before.r[:, at] + after.r[:, at])
+        length = np.sqrt(np.sum(r * r, axis=0))
+        self._way[:, at] = self._deform(r / length, length, after.moved[:, at] - before.moved[:, at])
+
+    def _begin(self, x: Array, ways: Array, out: Moment | None) -> Moment:
+        moved, n = self._move(x, ways), len(self._length)
+        return Moment(moved, *((np.empty_like(self._r), np.empty(n), np.empty(n)) if out is None else out[1:]))
+
+    def _place(self, found: Moment, at: slice, walls: Index, work: Array, *_: Array) -> None:
+        """Set vectors, lengths and elongations of contacts at a moment."""
+        e, length = found.e[at], found.length[at]
+        for axis, (across, start, r) in enumerate(zip(found.moved, self._r, found.r, strict=False)):
+            np.add(start[at], across[at], out=r[at])
+            part = np.add(start[at], r[at], out=work if axis else e)
+            part *= across[at]
+            if axis:
+                e += part  # |r|^2 - |r_0|^2, no difference of near-equal lengths
+        np.add(self._square[at], e, out=length)
+        np.sqrt(length, out=length)
+        e /= np.add(self._length[at], length, out=work)
+        if len(walls):
+            found.r[:, walls], found.length[walls] = self._r[:, walls], 1.0
+            found.e[walls] = np.sum(self._r[:, walls] * found.moved[: len(self.axes), walls], axis=0)
+        if len(self._gap):
+            e += self._gap[at]
 
     def elongation(self, at: Moment) -> Array:
         """Return e of a moment."""
         return at.e
 
-    def _deform(self, n: Array, length: Array, across: Array, turned: Array) -> Array:
-        """Return (rows - 1, n_c) slip, twist and roll of contacts of the direction n; displacements are small."""
-        i, j = turned[:, self.i], turned[:, self.j]
-        arm_i, arm_j = self._arms(length)
-        slip = across - n * np.sum(n * across, axis=0) - _cross(arm_i * i + arm_j * j, n)
-        twist = np.sum(n * (j - i), axis=0)
-        return np.concatenate([slip, twist[None], j - i - n * twist])
-
-    def _arms(self, length: Array) -> tuple[Array, Array]:
-        arm = self._share * length
-        arm[self._walls] = self._arm[self._walls]
-        other = length - arm
-        other[self._walls] = 0.0
-        return arm, other
-
-    def since(self, before: Moment, after: Moment) -> Array:
-        """Return slips, twists and rolls between two moments, across the mean of r."""
-        n, length = _mean(before, after)
-        return self._deform(n, length, self._difference(after.u - before.u), after.turned - before.turned)
+    def _deform(self, n: Array, length: Array, moved: Array) -> Array:
+        """Return (rows - 1, n_c) slip, twist and roll of contacts of the direction n; motions are small."""
+        across, roll = moved[:3], moved[6:9]
+        slip, twist = across - n * np.sum(n * across, axis=0) - length * _cross(moved[3:6], n), np.sum(n * roll, axis=0)
+        return np.concatenate([slip, twist[None], roll - n * twist])
 
     def rate(self, at: Moment, v: Array, ways: Array) -> Array:
-        """Return the rates of all deformations (8, n_c), at velocities ``v`` and speeds of the drives."""
-        moving, spins = self._spread(v, ways)
-        n, across = at.r / at.length, self._difference(moving)
-        return np.concatenate([np.sum(n * across, axis=0)[None], self._deform(n, at.length, across, spins)])
+        """Return the rates of all deformations (count, n_c), at velocities ``v`` and speeds of the drives."""
+        n, moving = at.r / at.length, self._move(v, ways)
+        return np.concatenate([np.sum(n * moving[: len(n)], axis=0)[None], self._deform(n, at.length, moving)])
 
-    def turn(self, pull: Array, before: Moment, after: Moment, half: int) -> Array:
-        """Return the forces across contacts as they have turned in the first or the second half of a step."""
-        mean, t = _mean(before, after)[0], pull[1:].copy()
-        a, b = (before.r / before.length, mean) if half == 0 else (mean, after.r / after.length)
-        spins = after.turned - before.turned
-        angle = 0.25 * np.sum((spins[:, self.i] + spins[:, self.j]) * mean, axis=0)
+    def turn(self, pull: Array, before: Moment, after: Moment, first: bool = True) -> Array:
+        """Return the forces across contacts as they have turned in the ``first`` half of a step, or in the second."""
+        r, length = _mean(before, after)
+        mean, t = r / length, pull[1:].copy()
+        a, b = (before.r / before.length, mean) if first else (mean, after.r / after.length)
+        angle = 0.25 * np.sum((after.moved[9:] - before.moved[9:]) * mean, axis=0)
         for part in (t[:3], t[4:]):
             part -= np.sum(b * part, axis=0) / (1.0 + np.sum(a * b, axis=0)) * (a + b)
             part[:] = part * np.cos(angle) + _cross(b, part) * np.sin(angle)
         return t
 
-    def _resist(self, n: Array, pull: Array) -> tuple[Array, Array, Array]:
-        """Return forces across contacts (axes, n_c), the torque of each with an arm of one, and that of twist and roll."""
-        return pull[1:4], _cross(n, pull[1:4]), pull[4] * n + pull[5:]
+    def turn_on(self, pull: Array, before: Moment, after: Moment) -> None:
+        """Turn the forces across contacts in the second half of a step."""
+        pull[1:] = self.turn(pull, before, after, first=False)
 
     def _act(self, at: Moment, pull: Array, before: Moment | None) -> Array:
-        """Return forces and torques (axes, n) on all balls, those of loads among them; over a step, that keep its energy."""
-        n, length = (at.r / at.length, at.length) if before is None else _mean(before, at)
-        normal = pull[0] + self._rest
+        """Return what acts along the motions of contacts; over a step, so that it keeps its energy."""
+        r, length, both = at.r, at.length, None
         if before is not None:
-            normal = normal * np.where(self._flat, 1.0, 2.0 * length / (at.length + before.length))
-        arm_i, arm_j = self._arms(length)
-        across, lever, bend = self._resist(n, pull)
-        force = normal * n - across
-        ends = np.concatenate([
-            np.concatenate([force, arm_j * lever - bend]), np.concatenate([-force, arm_i * lever + bend])
-        ], axis=1)  # fmt: skip
-        return np.array([self._ends @ one for one in ends]) + self._load
+            r, length = _mean(before, at)
+            both = 2.0 * length / (at.length + before.length)
+        self._resist(r, length, pull, both)
+        return self._acting.ravel()
+
+    def _resist(self, r: Array, length: Array, pull: Array, factor: Any) -> None:
+        """Set forces and torques of contacts, whose normal forces have a factor."""
+        n, across, normal = r / length, pull[1:4], (pull[0] + self._rest) * (1.0 if factor is None else factor)
+        self._acting[:3], self._acting[3:6] = normal * n - across, length * _cross(n, across)
+        self._acting[6:9] = -(pull[4] * n + pull[5:])
 
     def push(self, at: Moment, pull: Array, before: Moment | None = None) -> Array:
-        """Return the accelerations (size,) of a pull; with ``before``, its mean over a step."""
-        acting, balls = self._act(at, pull, before), self.operator.balls
-        out = np.empty((len(balls), len(self._places)))
-        for row, column, weight in self._places:
-            out[:, column] = acting[row, balls] / weight
-        return np.asarray(self.operator.vector(out))
+        """Return the accelerations (size,) of a pull, without :attr:`load`; with ``before``, its mean over a step."""
+        return np.asarray(self._back @ self._act(at, pull, before))
 
     def resist(self, at: Moment, pull: Array, before: Moment | None = None) -> Array:
         """Return the forces (drives,) along each drive with which contacts and loads resist it."""
-        acting = self._act(at, pull, before)[: len(self.axes)]
-        return np.array([-float(np.sum(along @ acting[:, balls])) for balls, along in self._drives])
+        return np.asarray(self._strain @ (self._still - self._act(at, pull, before)))
 
-    def rest_energy(self, at: Moment, x: Array) -> float:
+    def rest_energy(self, at: Moment) -> float:
         """Return the energy of the loads, J, less what the laws count of it."""
-        return -float(np.sum(self._rest * at.e) + np.sum(self._load * np.concatenate([at.u, at.turned])))
+        return float(self._still @ at.moved.ravel() - np.sum(self._rest * at.e))
 
 
 class PlaneDirections(TrueDirections):
-    """The same of motions in the plane x, y: slip, roll and their forces are numbers, along (-n_y, n_x) and about z."""
+    """The same of motions in the plane x, y: slip, roll and their forces are numbers, along (-n_y, n_x) and about z.
 
-    count, slips, axes, turns = 3, 1, (0, 1), (2,)
+    There are no rolls where nothing resists them.
+    """
+
+    slips, axes, turns = 1, (0, 1), (2,)
+    turn, turn_on = _Directions.turn, _Directions.turn_on
 
     def _list_rows(self, slip: Array, twist: Array, roll: Array, held: Array) -> tuple[Array, Array]:
-        n = self._r / self._length
-        return np.array([slip, roll]), np.array([n[0] * held[1] - n[1] * held[0], np.zeros(len(slip))])
+        n, rows = self._r / self._length, 1 + int(np.any(roll))
+        return np.array([slip, roll])[:rows], np.array([n[0] * held[1] - n[1] * held[0], np.zeros(len(slip))])[:rows]
 
-    def _deform(self, n: Array, length: Array, across: Array, turned: Array) -> Array:
-        i, j = turned[0].take(self.i), turned[0].take(self.j)
-        arm_i, arm_j = self._arms(length)
-        return np.array([n[0] * across[1] - n[1] * across[0] - arm_i * i - arm_j * j, j - i])
+    def _parts(self, near: Array, other: Array) -> list[tuple[Any, Any]]:
+        return [(near, other), (-1.0, 1.0)][: len(self.ratio)]
 
-    def turn(self, pull: Array, before: Moment, after: Moment, half: int) -> Array:
-        """Return the forces across contacts as they are."""
-        return pull[1:]
+    def _deform(self, n: Array, length: Array, moved: Array) -> Array:
+        return np.concatenate([(n[0] * moved[1] - n[1] * moved[0] - length * moved[2])[None], moved[3:]])
 
-    def _resist(self, n: Array, pull: Array) -> tuple[Array, Array, Array]:
-        return np.array([-n[1] * pull[1], n[0] * pull[1]]), pull[1:2], pull[2:3]
+    def _slip(self, before: Moment, after: Moment, at: slice, *room: Array) -> None:
+        (_, x, y, work), new, old, slip = room, after.moved, before.moved, self._way[0, at]
+        np.add(before.r[0, at], after.r[0, at], out=x)
+        np.add(before.r[1, at], after.r[1, at], out=y)
+        np.subtract(new[1, at], old[1, at], out=slip)
+        slip *= x
+        slip -= np.multiply(np.subtract(new[0, at], old[0, at], out=work), y, out=work)
+        x *= x
+        y *= y
+        x += y
+        slip /= np.sqrt(x, out=x)  # twice the length
+        x *= 0.5
+        slip -= np.multiply(np.subtract(new[2, at], old[2, at], out=work), x, out=work)
+        if len(self._way) > 1:
+            np.subtract(new[3, at], old[3, at], out=self._way[1, at])
+
+    def _resist(self, r: Array, length: Array, pull: Array, factor: Any) -> None:
+        for at, _, push, pull_of, work in self._blocks:
+            np.divide(1.0, length[at], out=work)
+            np.add(pull[0, at], self._rest[at], out=push)
+            push *= work
+            if factor is not None:
+                push *= factor[at]
+            np.multiply(pull[1, at], work, out=pull_of)
+            x, y, torque = self._acting[:3, at]
+            np.multiply(push, r[0, at], out=x)
+            x += np.multiply(pull_of, r[1, at], out=work)
+            np.multiply(push, r[1, at], out=y)
+            y -= np.multiply(pull_of, r[0, at], out=work)
+            np.multiply(pull[1, at], length[at], out=torque)
+        self._acting[3:] = -pull[2:]
 
 
 def _mean(before: Moment, after: Moment) -> tuple[Array, Array]:
-    """Return directions and lengths of the mean of r over a step."""
+    """Return the mean of r over a step, and its length."""
     r = 0.5 * (before.r + after.r)
-    length = np.sqrt(np.einsum("ij,ij->j", r, r))
-    return r / length, length
+    return r, np.sqrt(np.sum(r * r, axis=0))
 
 
 def _cross(a: Array, b: Array) -> Array:

@@ -14,7 +14,8 @@ Index = NDArray[np.intp]
 def find_neighbours(places: Array, radii: Array, periods: Array, margin: float) -> tuple[Index, Index, Index]:
     """Return i, j (m,) and the cells (m, p) by which ball j is displaced, of pairs with a gap below ``margin``.
 
-    ``places`` (n, 3) may lie outside of the cell, whose vectors ``periods`` (p, 3) repeat. Each pair is listed once, i <= j.
+    ``places`` (n, 3) may lie outside of the cell, whose vectors ``periods`` (p, 3) repeat. Pairs across the boundary
+    are listed twice. i <= j.
     """
     from scipy.spatial import cKDTree
 
@@ -41,9 +42,16 @@ def find_neighbours(places: Array, radii: Array, periods: Array, margin: float) 
     gap = np.linalg.norm(points[other] - points[one], axis=1) - radii[ball[one]] - radii[ball[other]]
     one, other = one[gap < margin], other[gap < margin]
     i, j, shift_of = ball[one], ball[other], image_of[other] + home[ball[one]] - home[ball[other]]
-    i, j, shift_of = orient(i, j, shift_of)
-    _, first = np.unique(np.column_stack([i, j, shift_of]), axis=0, return_index=True)
-    return i[first], j[first], shift_of[first]
+    return orient(i, j, shift_of)
+
+
+def leave_out(rows: Index, known: Index) -> Index:
+    """Return the ``rows`` (m, k) that are not among those ``known``, each once, in ascending order."""
+    both = np.concatenate([known, rows])
+    order = np.lexsort(both.T[::-1])  # of equal ones the known stay in front
+    both = both[order]
+    new = np.append(True, np.any(both[1:] != both[:-1], axis=1)) & (order >= len(known))
+    return both[new]
 
 
 def orient(i: Index, j: Index, shift: Index) -> tuple[Index, Index, Index]:

@@ -44,7 +44,7 @@ from granphon.networks.network import ContactNetwork, given_network
 from granphon.waves.contact_forces import ContactForces, PairLaws, Powers, Touch
 from granphon.waves.directions import FixedDirections, PlaneDirections, TrueDirections
 from granphon.waves.motion import Frames, Motion
-from granphon.waves.neighbours import find_neighbours, orient
+from granphon.waves.neighbours import find_neighbours, leave_out, orient
 from granphon.waves.operator import WaveOperator
 from granphon.waves.pulses import read_balls, read_vector, require_moves
 from granphon.waves.settings import GEOMETRIES, SCHEMES
@@ -295,6 +295,7 @@ class _Stop(Exception):
     """A run cannot go on."""
 
 
+_NOTHING = np.zeros(0)
 _CTRL_C = "Ctrl-C"
 _TOO_LONG = "the step is too long for contacts that have become stiffer"
 
@@ -305,7 +306,12 @@ def _root_radius(radii: Array, i: Index, j: Index) -> Array:
 
 
 class _System:
-    """The equations of motion of a network with drives."""
+    """The equations of motion of a network with drives, and where it has come to."""
+
+    touch: Touch
+    ways: Array
+    lifts: Array
+    worked: Array
 
     def __init__(self, waves: NonlinearWaves, drives: Sequence[Any]) -> None:
         network, self.waves, self.drives = waves.network, waves, drives
@@ -343,15 +349,11 @@ class _System:
         rooted = np.sqrt(np.where(self.network.moving, masses, 1.0))
         self._push = np.array([field(*one, 1.0 / rooted) for one in pushed]).reshape(len(pushed), operator.size)
         self._weight = field(np.arange(network.n_balls), waves.gravity, rooted)
-        self._begin()
+        self._lightest = math.sqrt(float(np.min(masses[self.network.moving], initial=np.inf)))
+        # balls that may meet are listed anew when one has moved by half of the margin
+        self._skin = _SKIN * 2.0 * float(np.mean(self.network.radii[self.network.moving]))
 
-    def _begin(self) -> None:
-        """Let contacts be those of the network."""
-        none = np.zeros(0, np.intp)
-        self._keys: dict[tuple[int, ...], int] = {}
-        self._set(none, none, np.zeros((0, 3), np.intp))
-
-    def _set(self, i: Index, j: Index, shift: Index) -> None:
+    def _join(self, i: Index, j: Index, shift: Index) -> None:
         """Let contacts be those of the network and some more."""
         waves, normal, radii = self.waves, self.waves.normal, self.network.radii
         ends = np.append(self.network.i, i), np.append(self.network.j, j)
@@ -371,6 +373,8 @@ class _System:
         if len(i):
             times = np.concatenate([times, np.repeat(times.mean(axis=1, keepdims=True), len(i), axis=1)], axis=1)
         self.forces = ContactForces(normal, self.where.ratio, self.where.slips, waves.mu, times)
+        self._steady: Array = self.where.load + self._weight
+        self._spare: Any = (None, None)  # a moment and a touch that are not needed any more
 
     @property
     def _bulge(self) -> float:
@@ -405,15 +409,15 @@ class _System:
         normal = self.waves.normal
         e = self.fixed.at(x, np.zeros(len(self.moved)))[0]
         size = float(np.mean(self.network.radii[self.network.moving]))
-        # the first of the depths 1e-12 size 1.25^number that takes the energy, by bisection
-        low, high = np.zeros(len(e)), np.full(len(e), 200.0 if energy > 0.0 else 0.0)
+        # the first of these depths that takes the energy, by bisection
+        depths = 1e-12 * size * 1.25 ** np.arange(201.0)
+        low, high = np.zeros(len(e), np.intp), np.full(len(e), 200 if energy > 0.0 else 0)
         while np.any(low < high):
-            middle = np.floor(0.5 * (low + high))
-            deep = 1e-12 * size * 1.25**middle
+            middle = (low + high) // 2
+            deep = depths[middle]
             short = normal.store(-deep) + normal.rest * deep < energy
-            low, high = np.where(short, middle + 1.0, low), np.where(short, high, middle)
-        deep = 1e-12 * size * 1.25**low
-        _, stiffness = normal.press(np.minimum(-deep, e))
+            low, high = np.where(short, middle + 1, low), np.where(short, high, middle)
+        _, stiffness = normal.press(np.minimum(-depths[low], e))
         if np.any(self.waves.gravity):  # what a ball of this network falls by its own size presses
             stiffness = np.maximum(stiffness, self.network.normal_stiffness)
         top = self._top(stiffness)
@@ -433,185 +437,203 @@ class _System:
         self, x: Array, v: Array, step: float, each: int, count: int, scheme: str, kept: Frames
     ) -> Any:  # fmt: skip
         """Make ``count`` frames of ``each`` steps, and yield after each whether it is kept."""
-        self._begin()
-        self.widest = 0.0
-        x, v = x.copy(), v.copy()
-        ways, lifts = self._follow(0.0)
-        if np.any(ways):
-            raise InputError("a displacement does not begin at zero", mend="Give a function that is zero at zero")
-        where, still = self.where, self.where.at(np.zeros_like(x), np.zeros_like(ways))
-        at = where.at(x, ways)
-        touch = self.forces.begin(where.elongation(at), where.since(still, at), where.held)
-        nothing = np.zeros(self.network.n_contacts)
-        at_rest = self.forces.springs(np.concatenate([nothing[None], where.held]), self.forces.normal.press(nothing)[1])
-        start, worked = self.forces.springs(touch.pull, touch.k), np.zeros(3)  # of slips, dashpots and drives
-        limit = 2.0 * math.pi / _LEAST_STEPS / step
-        # balls that may meet are listed anew when one has moved by half of the margin
-        skin = _SKIN * 2.0 * float(np.mean(self.network.radii[self.network.moving]))
-        travelled = math.inf
-
-        def keep(number: int) -> None:
-            square, springs = v * v, self.forces.springs(touch.pull, touch.k)
-            stored = float(np.sum(self.forces.normal.store(touch.e))) + springs - at_rest - float(self._weight @ x)
-            normal = self.forces.normal
-            wide = self._wide * np.sqrt(np.maximum(normal.overlap - touch.e, 0.0))
-            self.widest = max(self.widest, float(np.max(wide, initial=0.0)))
-            forces = np.where(normal.is_closed(touch.e), touch.pull[0] + normal.rest, 0.0)
-            shears = np.sqrt(np.sum(touch.pull[1 : 1 + self.where.slips] ** 2, axis=0))
-            u, speeds = self._to_balls(x, False), self._to_balls(v, False)
-            time = number * step
-            before, after = (self._follow(max(time + shift * step, 0.0))[0] for shift in (-1, 1)) if self._ways else ((), ())
-            for (balls, along), way, low, high in zip(self.moved, ways, before, after, strict=True):
-                u[balls], speeds[balls] = way * along, (high - low) / (step * (2 if number else 1)) * along
-            kept.keep(
-                {
-                    "times": time, "displacements": u, "velocities": speeds, "rotations": self._to_balls(x, True),
-                    "spins": self._to_balls(v, True), "translation": 0.5 * float(np.sum(square[~self.operator.is_rotation])),
-                    "rotation": 0.5 * float(np.sum(square[self.operator.is_rotation])),
-                    "stored": stored + self.where.rest_energy(at, x), "lost": worked[0] - (springs - start) + worked[1],
-                    "work": worked[2],
-                }, forces, shears, list(self._keys),
-            )  # fmt: skip
-
-        def act(pull: Array, lifts: Array, before: Any = None) -> Array:
-            found = self.where.push(at, pull, before) + self._weight
-            return np.asarray(found + lifts @ self._push if len(lifts) else found)
-
-        damped = self.forces.is_damped
-        speed = np.zeros(len(ways))
-        pull = touch.pull
-        dash: Any = 0.0
-        if damped:
-            dash = self.forces.damp(touch.k, where.rate(at, v, speed))
-            pull = pull + dash
-        acceleration = act(pull, lifts)
-        resist = where.resist(at, pull) if self._ways else speed
-        last = acceleration
-        keep(0)
+        self._begin(x, v, step)
+        self._keep(0, kept)
         yield False
+        limit, advance = 2.0 * math.pi / _LEAST_STEPS / step, self._leap if scheme == "verlet" else self._solve
         for number in range(1, each * (count - 1) + 1):
+            ways, lifts = self._follow(number * step)
             if self.waves.geometry == "exact":
-                if travelled > 0.5 * skin:
-                    at, touch = self._list(x, ways, touch, skin)
-                    travelled = 0.0
-                travelled += step * self._fastest(v, ways, number * step, step)
-            forces, where = self.forces, self.where
-            new_ways, new_lifts = self._follow(number * step)
-            old_at, old = at, touch
-            if scheme == "verlet":
-                half = v + 0.5 * step * acceleration
-                moved_x = step * half
-                x += moved_x
-                at = where.at(x, new_ways)
-                way = where.since(old_at, at)
-                held = where.turn(old.pull, old_at, at, 0)
-                touch, spent = forces.follow(old, where.elongation(at), way, held)
-                touch.pull[1:] = where.turn(touch.pull, old_at, at, 1)
-                pull = touch.pull
-                if damped:
-                    # the speed at the end of the step, but for what dashpots change within it
-                    rate = where.rate(at, half + 0.5 * step * acceleration, (new_ways - ways) / step)
-                    before, dash = dash, forces.damp(touch.k, rate)
-                    pull = pull + dash
-                    mean = 0.5 * (before + dash) if np.shape(before) == dash.shape else dash
-                    worked[1] += _lose(mean, touch.e - old.e, way)
-                acceleration = act(pull, new_lifts)
-                v = half + 0.5 * step * acceleration
-                if self._ways:
-                    before, resist = resist, where.resist(at, pull)
-                    worked[2] += 0.5 * (before + resist) @ (new_ways - ways)
-            else:
-                guess, size = 2.0 * acceleration - last, math.inf
-                for _ in range(_ITERATIONS):
-                    moved_x = step * (v + 0.5 * step * guess)
-                    at = where.at(x + moved_x, new_ways)
-                    way, e = where.since(old_at, at), where.elongation(at)
-                    held = where.turn(old.pull, old_at, at, 0)
-                    touch, spent = forces.follow(old, e, way, held)
-                    pull = np.concatenate([forces.normal.mean(old.e, e)[None], 0.5 * (held + touch.pull[1:])])
-                    if damped:
-                        dash = forces.damp(0.5 * (old.k + touch.k), np.concatenate([(e - old.e)[None], way]) / step)
-                        pull += dash
-                    found = act(pull, 0.5 * (lifts + new_lifts), old_at)
-                    change, size = float(np.max(np.abs(found - guess))), float(np.max(np.abs(found)))
-                    if change <= _SOLVED * max(size, float(np.max(np.abs(v))) / step):
-                        break
-                    guess = found
-                else:
-                    raise _Stop(_TOO_LONG)
-                touch.pull[1:] = where.turn(touch.pull, old_at, at, 1)
-                last, acceleration = acceleration, guess
-                x += moved_x
-                v = v + step * guess
-                if damped:
-                    worked[1] += _lose(dash, touch.e - old.e, way)
-                if self._ways:
-                    worked[2] += where.resist(at, pull, old_at) @ (new_ways - ways)
-            worked[0] += spent
+                self._watch(ways)
+            moved = advance(ways, lifts)
             if len(lifts):
-                worked[2] += float(0.5 * (lifts + new_lifts) @ (self._push @ moved_x))
-            ways, lifts = new_ways, new_lifts
+                self.worked[2] += float(0.5 * (self.lifts + lifts) @ (self._push @ moved))
+            self.ways, self.lifts = ways, lifts
             if number % each == 0:
-                if not (self._top(touch.k) <= limit and np.all(np.isfinite(v))):
+                if not (self._top(self.touch.k) <= limit and np.all(np.isfinite(self.v))):
                     raise _Stop(_TOO_LONG)
-                keep(number)
+                self._keep(number, kept)
                 yield True
                 if self.waves.geometry == "lattice":
-                    away = float(np.max(np.abs(self._to_balls(x, False)), initial=0.0))
+                    away = float(np.max(np.abs(self._to_balls(self.x, False)), initial=0.0))
                     if not away < _AWAY * 2.0 * float(np.mean(self.network.radii[self.network.moving])):
                         raise _Stop(f"a ball has left its place by {away:.3g} m, which needs geometry: exact")
 
+    def _begin(self, x: Array, v: Array, step: float) -> None:
+        """Let contacts be those of the network, and the time be zero."""
+        none = np.zeros(0, np.intp)
+        self._keys: dict[tuple[int, ...], int] = {}
+        self._join(none, none, np.zeros((0, 3), np.intp))
+        where, forces = self.where, self.forces
+        self.x, self.v, self.step, self.widest = x.copy(), v.copy(), step, 0.0
+        self._listed, self._travelled = self.network.positions, math.inf
+        self.ways, self.lifts = self._follow(0.0)
+        if np.any(self.ways):
+            raise InputError("a displacement does not begin at zero", mend="Give a function that is zero at zero")
+        still = where.at(np.zeros_like(x), np.zeros_like(self.ways))
+        self.at, way = where.step(still, x, self.ways)
+        self.touch = forces.begin(where.elongation(self.at), way, where.held)
+        nothing = np.zeros(self.network.n_contacts)
+        self._at_rest = forces.springs(np.concatenate([nothing[None], where.held]), forces.normal.press(nothing)[1])
+        # of slip, twist and roll, of dashpots, and of drives
+        self.worked, self._springs = np.zeros(3), forces.springs(self.touch.pull, self.touch.k)
+        self.dash = forces.damp(self.touch.k, where.rate(self.at, v, np.zeros_like(self.ways))) if forces.is_damped else 0.0
+        pull = self.touch.pull + self.dash if forces.is_damped else self.touch.pull
+        self.acceleration = self.last = self._act(self.at, pull, self.lifts)
+        self.resist = where.resist(self.at, pull) if self._ways else self.ways
+
+    def _act(self, at: Any, pull: Array, lifts: Array, before: Any = None) -> Array:
+        """Return the accelerations (size,)."""
+        found: Array = self.where.push(at, pull, before)
+        found += self._steady
+        if len(lifts):
+            found += lifts @ self._push
+        return found
+
+    def _leap(self, ways: Array, lifts: Array) -> Array:
+        """Make a step of Verlet's, and return what has moved."""
+        where, forces, old_at, old, step = self.where, self.forces, self.at, self.touch, self.step
+        kick = 0.5 * step * self.acceleration
+        self.v += kick
+        moved = step * self.v
+        self.x += moved
+        at, way = where.step(old_at, self.x, ways, self._spare[0])
+        held = where.turn(old.pull, old_at, at)
+        self.touch, spent = forces.follow(old, where.elongation(at), way, held, self._spare[1])
+        where.turn_on(self.touch.pull, old_at, at)
+        self.at, pull, self._spare = at, self.touch.pull, (old_at, old)
+        self.worked[0] += spent
+        if forces.is_damped:
+            # the speed at the end of the step, but for what dashpots change within it
+            rate = where.rate(at, self.v + kick, (ways - self.ways) / step)
+            before, self.dash = self.dash, forces.damp(self.touch.k, rate)
+            pull = pull + self.dash
+            mean = 0.5 * (before + self.dash) if np.shape(before) == self.dash.shape else self.dash
+            self.worked[1] += _lose(mean, self.touch.e - where.elongation(old_at), way)
+        self.acceleration = self._act(at, pull, lifts)
+        np.multiply(0.5 * step, self.acceleration, out=kick)
+        self.v += kick
+        if self._ways:
+            before, self.resist = self.resist, where.resist(at, pull)
+            self.worked[2] += 0.5 * (before + self.resist) @ (ways - self.ways)
+        return moved
+
+    def _solve(self, ways: Array, lifts: Array) -> Array:
+        """Make an implicit step, whose energies add up, and return what has moved."""
+        where, forces, old_at, old, step = self.where, self.forces, self.at, self.touch, self.step
+        guess, size = 2.0 * self.acceleration - self.last, math.inf
+        for _ in range(_ITERATIONS):
+            moved = step * (self.v + 0.5 * step * guess)
+            at, way = where.step(old_at, self.x + moved, ways)
+            e, held = where.elongation(at), where.turn(old.pull, old_at, at)
+            touch, spent = forces.follow(old, e, way, held)
+            pull = np.concatenate([forces.normal.mean(old.e, e)[None], 0.5 * (held + touch.pull[1:])])
+            if forces.is_damped:
+                dash = forces.damp(0.5 * (old.k + touch.k), np.concatenate([(e - old.e)[None], way]) / step)
+                pull += dash
+            found = self._act(at, pull, 0.5 * (self.lifts + lifts), old_at)
+            change, size = float(np.max(np.abs(found - guess))), float(np.max(np.abs(found)))
+            if change <= _SOLVED * max(size, float(np.max(np.abs(self.v))) / step):
+                break
+            guess = found
+        else:
+            raise _Stop(_TOO_LONG)
+        where.turn_on(touch.pull, old_at, at)
+        self.last, self.acceleration, self.at, self.touch = self.acceleration, guess, at, touch
+        self.x += moved
+        self.v += step * guess
+        self.worked[0] += spent
+        if forces.is_damped:
+            self.worked[1] += _lose(dash, touch.e - old.e, way)
+        if self._ways:
+            self.worked[2] += where.resist(at, pull, old_at) @ (ways - self.ways)
+        return moved
+
+    def _keep(self, number: int, kept: Frames) -> None:
+        """Keep the frame after this number of steps."""
+        touch, normal, step, operator = self.touch, self.forces.normal, self.step, self.operator
+        square, springs = self.v * self.v, self.forces.springs(touch.pull, touch.k)
+        stored = float(np.sum(normal.store(touch.e))) + springs - self._at_rest - float(self._weight @ self.x)
+        wide = self._wide * np.sqrt(np.maximum(normal.overlap - touch.e, 0.0))
+        self.widest = max(self.widest, float(np.max(wide, initial=0.0)))
+        time, speeds = number * step, self._to_balls(self.v, False)
+        before, after = (self._follow(max(time + shift * step, 0.0))[0] for shift in (-1, 1)) if self._ways else ((), ())
+        for (balls, along), low, high in zip(self.moved, before, after, strict=True):
+            speeds[balls] = (high - low) / (step * (2 if number else 1)) * along
+        kept.keep(
+            {
+                "times": time, "displacements": self._displace(), "velocities": speeds,
+                "rotations": self._to_balls(self.x, True), "spins": self._to_balls(self.v, True),
+                "translation": 0.5 * float(np.sum(square[~operator.is_rotation])),
+                "rotation": 0.5 * float(np.sum(square[operator.is_rotation])),
+                "stored": stored + self.where.rest_energy(self.at),
+                "lost": self.worked[0] - (springs - self._springs) + self.worked[1], "work": self.worked[2],
+            },
+            np.where(normal.is_closed(touch.e), touch.pull[0] + normal.rest, 0.0),
+            np.sqrt(np.sum(touch.pull[1 : 1 + self.where.slips] ** 2, axis=0)), list(self._keys),
+        )  # fmt: skip
+
     def _follow(self, time: float) -> tuple[Array, Array]:
         """Return the ways of moved bodies and the forces on pushed balls at a time."""
+        if not self.drives:
+            return _NOTHING, _NOTHING
         ways, lifts = (np.array([real_number(one(time)) for one in each]) for each in (self._ways, self._lifts))
-        if self.drives and not (np.all(np.isfinite(ways)) and np.all(np.isfinite(lifts))):
+        if not (np.all(np.isfinite(ways)) and np.all(np.isfinite(lifts))):
             what = f"a drive is not a finite number at {time:.4g} s"
             raise _Stop(what) if time else InputError(what, mend="Give a function of the time that returns one")
         return ways, lifts
 
-    def _fastest(self, v: Array, ways: Array, time: float, step: float) -> float:
-        """Return the largest speed of a ball or a moved body, m/s."""
-        moves = self.operator.values(v)[:, self.operator.motions.translating]
-        square = np.einsum("bm,bm->b", moves, moves) / self.network.masses[self.operator.balls]
-        moved = np.abs(self._follow(time)[0] - ways) / step if self._ways else np.zeros(0)
-        return max(math.sqrt(float(np.max(square, initial=0.0))), float(np.max(moved, initial=0.0)))
+    def _displace(self) -> Array:
+        """Return the displacements (n, 3) of all balls and bodies, m."""
+        found = self._to_balls(self.x, False)
+        for (balls, along), way in zip(self.moved, self.ways, strict=True):
+            found[balls] = way * along
+        return found
 
-    def _list(self, x: Array, ways: Array, touch: Touch, skin: float) -> tuple[Any, Touch]:
+    def _watch(self, ways: Array) -> None:
+        """List anew the balls that may meet, if one may move in a step to ``ways`` by more than half of the margin."""
+        speed = math.sqrt(3.0) * max(self.v.max(), -self.v.min()) / self._lightest  # no ball is faster
+        self._travelled += self.step * speed + (float(np.max(np.abs(ways - self.ways))) if len(ways) else 0.0)
+        if self._travelled > 0.5 * self._skin:
+            places = self.network.positions + self._displace()
+            if self._travelled < math.inf:
+                self._travelled = math.sqrt(np.max(np.sum((places - self._listed) ** 2, axis=1)))
+            if self._travelled > 0.4 * self._skin:
+                self._listed, self._travelled = places, 0.0
+                self._list(places)
+
+    def _list(self, places: Array) -> None:
         """List the balls that may meet; contacts that are listed again keep their state."""
-        network = self.network
-        at = self.where.at(x, ways)
+        network, touch = self.network, self.touch
         round_ones = np.flatnonzero(np.isfinite(network.radii))
-        periods = network.cell[list(network.pbc)]
-        moved = np.zeros_like(network.positions)
-        moved[:, self.where.axes] = at.u.T
-        places = network.positions + moved
-        i, j, cells = find_neighbours(places[round_ones], network.radii[round_ones], periods, skin + max(self._bulge, 0.0))
+        periods, margin = network.cell[list(network.pbc)], self._skin + max(self._bulge, 0.0)
+        i, j, cells = find_neighbours(places[round_ones], network.radii[round_ones], periods, margin)
         i, j, shift = round_ones[i], round_ones[j], np.zeros((len(i), 3), np.intp)
         shift[:, list(network.pbc)] = cells
         flat = np.isinf(network.distance)
         for wall in np.unique(network.j[flat & np.isinf(network.radii[network.j])]):
             one = np.flatnonzero(flat & (network.j == wall))[0]
-            plane = network.positions[network.i[one]] + network.arm_i[one] * network.normal[one]
-            gap = (plane + moved[wall] - places[round_ones]) @ network.normal[one] - network.radii[round_ones]
-            near = round_ones[gap < skin]
+            plane = places[wall] - network.positions[wall] + network.positions[network.i[one]]
+            plane = plane + network.arm_i[one] * network.normal[one]
+            gap = (plane - places[round_ones]) @ network.normal[one] - network.radii[round_ones]
+            near = round_ones[gap < self._skin]
             i, j = np.append(i, near), np.append(j, np.full(len(near), wall))
             shift = np.concatenate([shift, np.zeros((len(near), 3), np.intp)])
-        own = {tuple(key) for key in np.column_stack(orient(network.i, network.j, network.shift)).tolist()}
-        moves = network.moving[i] | network.moving[j]
-        keys = [tuple(key) for key in np.column_stack([i, j, shift])[moves].tolist() if tuple(key) not in own]
+        own, moves = np.column_stack(orient(network.i, network.j, network.shift)), network.moving[i] | network.moving[j]
+        table, n = leave_out(np.column_stack([i, j, shift])[moves], own), network.n_contacts
+        keys = [tuple(key) for key in table.tolist()]
         if set(keys) == set(self._keys):
-            return at, touch
-        table, n = np.array(keys, np.intp).reshape(-1, 5), network.n_contacts
+            return
         before = np.array([self._keys.get(key, -1) for key in keys], np.intp)
         self._keys = {key: n + place for place, key in enumerate(keys)}
-        self._set(table[:, 0], table[:, 1], table[:, 2:])
-        at = self.where.at(x, ways)
-        change, k = self.forces.normal.press(at.e)
-        pull = np.zeros((self.where.count, len(at.e)))
+        self._join(table[:, 0], table[:, 1], table[:, 2:])
+        self.at = self.where.at(self.x, self.ways)
+        change, k = self.forces.normal.press(self.at.e)
+        pull = np.zeros((self.where.count, len(self.at.e)))
         old = np.flatnonzero(before >= 0)
         pull[:, :n], pull[:, n + old] = touch.pull[:, :n], touch.pull[:, before[old]]
         pull[0] = change
-        return at, Touch(at.e, pull, k)
+        self.touch = Touch(self.at.e, pull, k)
 
     def _to_balls(self, vector: Array, turns: bool) -> Array:
         """Return mass-weighted motions (size,) as vectors (n, 3): displacements, or rotations."""

@@ -6,7 +6,6 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -15,7 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.base.errors import InputError
 from granphon.base.results import Result
 from granphon.base.scales import Units
-from granphon.base.tables import Heading, write_table
+from granphon.base.staging import write_text
+from granphon.base.tables import Heading, table_text
 from granphon.base.validation import whole_number
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.networks.network import ContactNetwork
@@ -85,8 +85,7 @@ class PathSpectra(Result):
             ]
             for one in self.spectra
         ]  # fmt: skip
-        with Path(path).open("w", encoding="utf-8") as stream:
-            write_table(stream, headings, (row for one in columns for row in zip(*one, strict=True)))
+        write_text(path, table_text(headings, (row for one in columns for row in zip(*one, strict=True))))
 
 
 def find_path_spectra(

@@ -936,7 +936,7 @@ def _require_short(operator: WaveOperator, duration: float, damping: float = 0.0
     """
     tau, top = write_quantity(damping, "s", 3), write_quantity(operator.top / (2.0 * math.pi), "Hz", 3)
     if (ratio := operator.top * damping) > _MOST_DAMPED:
-        what = f"with a damping of {tau} nothing moves in a network whose frequencies go up to {top}"
+        what = f"with a damping of {tau} nothing moves at frequencies up to {top}"
         raise InputError(what, mend=f"Give {write_quantity(_MOST_DAMPED / operator.top, 's', 3)} at most")
     if uneven and (viscous := ratio * operator.top * duration) > _MOST:
         what = f"a damping of {tau} takes {viscous:.3g} products with the matrix of the network"

@@ -552,7 +552,7 @@ def mode(data):
         ("bands", edit_bands(lambda data: data["points"][0].update(coordinates=["x"])), "It has 'x' under coordinates"),
         ("bands", edit_bands(lambda data: data.update(natom=2)), "Its key natom is 2, and it has 1 points"),
         ("bands", edit_bands(lambda data: data.pop("granphon")), "It lacks the key 'granphon'"),
-        ("bands", edit_bands(lambda data: data.update(phonon=3)), "A part of it has another form"),
+        ("bands", edit_bands(lambda data: data.update(phonon=3)), "A number, a list or a block of keys stands"),
         ("density of states", swap_rows, "the frequencies do not ascend"),
         ("density of states", lambda text: text.replace("\n0.0,", "\n-1.0,", 1), "a frequency is below zero"),
         ("density of states", lambda text: text.replace("\n0.0,", "\nhello,", 1), "found 'hello', where a number is needed"),

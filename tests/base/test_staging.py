@@ -20,7 +20,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from granphon.base.errors import FileExistsInRunError, OutputError
-from granphon.base.staging import LIST, LOCK, NEW, PREFIX, ResultFiles, read_written_files, write_bytes, write_text
+from granphon.base.staging import LIST, LOCK, NEW, PREFIX, ResultFiles, read_written_files, write_text
 from tests.conftest import without_rights
 
 
@@ -62,10 +62,20 @@ def test_files_have_the_usual_permissions(tmp_path: Path) -> None:
         assert stat.S_IMODE((tmp_path / name).stat().st_mode) == stat.S_IMODE((tmp_path / "usual").stat().st_mode)
 
 
-def test_a_single_file_replaces_what_is_there(tmp_path: Path) -> None:
-    for data in (b"old", b"new"):
-        write_bytes(tmp_path / "deeper" / "x", data)
-    assert tree(tmp_path) == {"deeper": "", "deeper/x": "new"}
+def test_a_single_file_replaces_one_of_its_kind_alone(tmp_path: Path) -> None:
+    file = tmp_path / "deeper" / "x"
+    for text in ("head\nold", "head\nnew"):
+        write_text(file, text)
+    assert tree(tmp_path) == {"deeper": "", "deeper/x": "head\nnew"}
+    for text in ("granphon", "another head", ""):  # nothing is left beside it either
+        with pytest.raises(FileExistsInRunError, match=r"x is there, and is no such file of granphon\. Give another name"):
+            write_text(file, text)
+        assert tree(tmp_path) == {"deeper": "", "deeper/x": "head\nnew"}
+    for text in ("# granphon 1", "also of granphon"):
+        write_text(file, text, replace=True)
+        write_text(file, f"{text} 2")
+    file.write_text("")
+    write_text(file, "into an empty file")
     with pytest.raises(OutputError, match="is a folder"):
         write_text(tmp_path / "deeper", "text")
     with pytest.raises(OutputError, match="cannot be written"):

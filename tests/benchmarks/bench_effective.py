@@ -12,10 +12,11 @@ from scipy.integrate import solve_ivp
 from side_by_side import Part, Row, alternate, over
 
 import granphon as gp
+from granphon.balls.contact_laws import FORCE, STIFFNESS
 from granphon.balls.distributions import NormalShape, Shape, UniformShape
 from granphon.dynamics.local_field import _compute_local_field, _find_operations, local_field
 from granphon.laws.effective import effective_curve
-from granphon.laws.spread import FORCE, STIFFNESS, high_pressure_series
+from granphon.laws.spread import high_pressure_series
 from tests.references import balance
 
 XI = local_field(mindlin_ratio=0.84).xi

@@ -403,7 +403,7 @@ def test_run_and_plot_draw_figures(work, capsys):
 
 def test_plot_of_nothing(work, capsys):
     for folder, told in (
-        (".", ". holds neither sweep.nc nor band.yaml nor dos.csv"), ("missing", "there is no folder missing."),
+        (".", ". holds no result that can be drawn"), ("missing", "there is no folder missing."),
         ("scene.yaml", "scene.yaml is no folder, and no file of results"),
     ):  # fmt: skip
         assert main(["plot", folder]) == 2

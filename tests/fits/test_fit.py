@@ -716,7 +716,7 @@ def test_samples_of_no_width_are_not_simulated_in_the_exact_geometry(factor):
 def test_parameters_that_do_not_settle_are_refused(monkeypatch):
     monkeypatch.setattr("granphon.fits.fit._MOST_SIMULATED", 1)
     given = {"simulation": {"shape": (4, 4), "geometry": "exact"}}
-    with pytest.raises(InputError, match=r"width still changed after 1 .*Give the simulation more balls"):
+    with pytest.raises(InputError, match=r"width still changed after 1 .*Take more balls"):
         fit_width(BALLS, HIGH[4:], velocities(WIDE, given, HIGH[4:]), 1.0, medium=given)
 
 

@@ -19,12 +19,12 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 import granphon as gp
+from granphon.balls.contact_laws import ENERGY, FORCE, SLOPE, STIFFNESS
 from granphon.balls.distributions import NormalShape, UniformShape
 from granphon.base.errors import PrecisionError
 from granphon.dynamics.local_field import local_field
 from granphon.laws import effective
 from granphon.laws.effective import LEAST_SOLVED_FORCE, VALID_FORCE, EffectiveLaw, effective_curve
-from granphon.laws.spread import ENERGY, FORCE, SLOPE, STIFFNESS
 from tests.conftest import only
 from tests.references import balance, integrate_curve
 

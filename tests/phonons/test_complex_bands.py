@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 import granphon as gp
-from granphon.base.errors import InputError
+from granphon.base.errors import InputError, PrecisionError
 from tests.networks.test_cuts import D, bulk, chain
 
 K, LIGHT, HEAVY = 2e7, 9.75e-3, 28.84e-3
@@ -102,3 +104,20 @@ def test_motions_that_reach_no_other_layer_are_no_waves():
 def test_bad_input_is_one_error(arguments, words):
     with pytest.raises(InputError, match=words):
         gp.Phonons(bulk("triangular")).complex_bands(*arguments)
+
+
+@pytest.mark.parametrize("lattice", ["chain", "triangular", "honeycomb", "fcc"])
+def test_a_decay_that_has_no_digits_is_refused(lattice):
+    phonons = gp.Phonons(bulk(lattice) if lattice != "chain" else chain([LIGHT, HEAVY], (K, K)))
+    for f in (1e12, 1e18, 1e25):
+        told = f"at {f:g} Hz a wave decays by more than 1e+12 from layer to layer"
+        with pytest.raises(PrecisionError, match=re.escape(told)):
+            phonons.complex_bands([1e3, f], 0)
+
+
+def test_the_fastest_decay_of_a_chain_has_the_digits_that_are_said():
+    f = np.array([1e5, 1e6, 3e6])
+    found = gp.Phonons(chain([LIGHT, HEAVY], (K, K))).complex_bands(f)
+    assert_allclose(
+        np.exp(1j * found.forward[:, 0] * found.height), np.exp(-np.abs(complex_angles(f).imag)), rtol=0, atol=3e-15
+    )

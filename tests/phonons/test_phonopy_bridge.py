@@ -487,3 +487,14 @@ print(json.dumps([moments, [np.asarray(band).tolist() for band in bands], labels
     corners = np.array([point for band in path for point in (band[0], band[-1])])
     assert not np.any(np.all(np.isclose(np.abs(corners % 1.0 - 0.5), 1 / 6), axis=1))
     assert np.any(corners[:, 2])  # and it leaves the plane
+
+
+def test_a_file_of_phonopy_is_not_replaced(tmp_path):
+    phonons = gp.Phonons(gp.AveragedLattice(gp.Packing(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)).at_force(18.446))
+    for write, name in ((phonons.save, "phonopy_params.yaml"), (phonons.bands(npoints=3).write, "band.yaml")):
+        write(tmp_path / name)
+        write(tmp_path / name)  # its own
+        (tmp_path / name).write_text("phonopy:\n  version: 4.8.2\n")
+        with pytest.raises(OSError, match="no such file of granphon"):
+            write(tmp_path / name)
+        assert (tmp_path / name).read_text() == "phonopy:\n  version: 4.8.2\n"

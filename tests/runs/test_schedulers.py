@@ -253,15 +253,6 @@ def test_addresses(text):
     assert require_workers(None, text) == text
 
 
-@pytest.mark.parametrize("package", ["distributed", "cryptography"])
-def test_without_what_it_needs_the_message_says_what_to_install(monkeypatch, package):
-    real = workers.find_spec
-    monkeypatch.setattr(workers, "find_spec", lambda name: None if name == package else real(name))
-    told = rf"^{package} is not installed.*pip install 'granphon\[distributed\]'"
-    with pytest.raises(InputError, match=told), open_executor(scheduler="local:2"):
-        pass
-
-
 # -- who else is on this machine ------------------------------------------------------------------------------------
 
 
