@@ -691,8 +691,10 @@ def _estimate_waves(medium: DirectSimulation, load: Load, wanted: WaveSettings) 
 
 def _estimate_motion(serving: ServingMedium, wanted: MotionSettings) -> Cost | None:
     """Estimate memory and time of the motions of a medium at all its loads; None if no state of it is quickly found."""
-    from granphon.runs.motion_records import make_waves  # imported here: other scenes do not need it
-    from granphon.runs.wave_records import find_typical_state
+    from granphon.runs.wave_records import (
+        find_typical_state,
+        make_waves,  # imported here: other scenes do not need it
+    )
     from granphon.waves.operator import WaveOperator
 
     if (state := find_typical_state(serving)) is None:

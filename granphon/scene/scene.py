@@ -546,7 +546,7 @@ def write_numbers(result: Any, place: Path, advance: Callable[[int], None]) -> N
             case "motion.nc":
                 result.waves.motion.write(path)
             case "motion_contacts.csv":
-                from granphon.runs.motion_records import write_contacts  # imported here: other runs do not need it
+                from granphon.runs.wave_records import write_contacts  # imported here: other runs do not need it
 
                 write_contacts(result.waves.motion, path, result.scene.motion)
             case _ if stem in ("sweep_dos", "sweep_spectra", "damped_bands", *NETWORK_BLOCKS):
