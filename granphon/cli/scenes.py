@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 import sys
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from granphon.base.errors import InputError
-from granphon.base.text import suggest
 from granphon.cli.app import FORCE, PICTURES, SCENES, WORK, Force, SceneFile, Scheduler, Workers, command
 from granphon.cli.terminal import (
     GO_ON,
@@ -47,10 +47,10 @@ def write_preset(
       granphon init beads.yaml --preset glass
     """
     from granphon.base.staging import ResultFiles, write_text
+    from granphon.base.validation import choice, require
     from granphon.scene import file
 
-    if preset not in PRESETS:
-        raise InputError(f"there is no preset {preset!r}", mend=suggest(preset, PRESETS))
+    require("--preset", partial(choice, options=PRESETS), preset)
     require_name("PATH", path)
     texts = {name: file.write_preset(name) for name in PRESETS}
     target = Path(path)
