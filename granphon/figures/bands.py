@@ -105,15 +105,14 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
     ax.add_collection(LineCollection(list(ends), colors="black", linewidths=1.2, zorder=2.5, gid="path"), autolim=False)
     middle = outline.mean(axis=0)
     names = {print_label(bands.labels[s + e].split("|")[e - 1]): ends[s, e] for s in range(len(ends)) for e in (0, 1)}
+    # in space a label stands in the one of these directions in which the lines of the path are farthest
+    lines = (ends[:, 0] + np.linspace(0.0, 1.0, 41)[:, None, None] * (ends[:, 1] - ends[:, 0])).reshape(-1, 2)
+    ways = np.stack([turn(2.0 * np.pi * np.arange(32) / 32.0) for turn in (np.cos, np.sin)], axis=1)
+    around = 0.15 * float(np.ptp(lines, axis=0).max()) * ways[:, None]
     for name, place in names.items():
         ax.plot(*place, "o", color="black", markersize=2.2, zorder=2.6)
-        away = place - middle
-        if periods == 3:  # the direction in which a label is farthest from the lines of the path
-            lines = (ends[:, 0] + np.linspace(0.0, 1.0, 41)[:, None, None] * (ends[:, 1] - ends[:, 0])).reshape(-1, 2)
-            angle = 2.0 * np.pi * np.arange(32) / 32.0
-            ways, reach = np.stack([np.cos(angle), np.sin(angle)], axis=1), 0.15 * float(np.ptp(lines, axis=0).max())
-            distance = np.linalg.norm(place + reach * ways[:, None] - lines, axis=2).min(axis=1)
-            away = ways[np.argmax(np.round(distance, 9))]
+        distance = np.linalg.norm(place + around - lines, axis=2).min(axis=1)
+        away = ways[np.argmax(np.round(distance, 9))] if periods == 3 else place - middle
         if np.linalg.norm(away) <= 1e-9:
             away = middle - ends.reshape(-1, 2).mean(axis=0)
         if periods == 1:
@@ -200,10 +199,10 @@ def plot_bands(
         for s, b in np.ndindex(field.shape[0], field.shape[2]):
             ax.fill_between(bands.distances[s], *field[s, :, b].T, color=_GAP, linewidth=0.0, zorder=0.1)
     for s, x in enumerate(bands.distances):
-        # a line is a step wider for each later branch that coincides, in print, here and at a neighbour
+        # what is closer than this is one line in print: each later branch here and at a neighbour is a step wider
         close = np.abs(values[s, :, :, None] - values[s, :, None, :]) <= 1e-6 * values.max()
         both = np.pad(close[1:] & close[:-1], ((1, 1), (0, 0), (0, 0)))
-        widths = 1.5 * (1.0 + np.minimum(np.triu(both[1:] | both[:-1], 1).sum(axis=2), 3))  # of a branch, in points
+        widths = 1.5 * (1.0 + np.minimum(np.triu(both[1:] | both[:-1], 1).sum(axis=2), 3))  # (p, b), in points
         for b in range(bands.n_branches):
             points = np.stack([x, values[s, :, b]], axis=1)
             middle = 0.5 * (points[:-1] + points[1:])  # the line is cut half way between its points
