@@ -131,7 +131,7 @@ FIGURES = {
 
 #: kinds whose parts are those of others: exhaustive
 ALIKE = {
-    "velocities, averaged force", "velocities, effective medium",
+    "velocities, averaged force", "velocities, effective medium", "auto, intermediate load", "bands", "bands, no friction",
     "auto, equal balls", "auto, high load", "sweep, auto", "sweep, averaged",
     "density of states", "simulation", "simulation, no friction", "simulation in space",
 }  # fmt: skip
@@ -178,18 +178,19 @@ def test_without_figures_nothing_is_drawn_and_matplotlib_stays_out(kind):
     assert set(seen.files) == ALWAYS | files
 
 
+@pytest.mark.exhaustive
 def test_without_friction_nothing_turns():
     assert costs.seen("bands").branches == 3
     assert costs.seen("bands, no friction").branches == 2
 
 
-@pytest.mark.parametrize("kind", ["bands and density of states", "sweep, averaged"])
+@pytest.mark.parametrize("kind", only(["bands and density of states"], ["bands and density of states", "sweep, averaged"]))
 def test_a_check_computes_no_spectra_and_writes_nothing(kind):
     seen = costs.seen(kind, command="check")
     assert (seen.calls, seen.modules, seen.files) == ({}, [], [])
 
 
-@pytest.mark.parametrize("kind", ["auto, to be simulated", "bands of a simulation"])
+@pytest.mark.parametrize("kind", only(["auto, to be simulated"], ["auto, to be simulated", "bands of a simulation"]))
 def test_a_check_simulates_no_sample_and_loads_no_phonopy(kind):
     seen = costs.seen(kind, command="check")
     assert set(seen.calls) <= {costs.TRIAL}
