@@ -218,6 +218,18 @@ def packing(steel: gp.Material) -> gp.Packing:
 
 
 @pytest.fixture(scope="session")
+def rough(steel: gp.Material) -> gp.Packing:
+    """The same with the spread of Section IV."""
+    return gp.Packing(steel, diameter=8e-3, spread=gp.Uniform(2.04e-6))
+
+
+@pytest.fixture(scope="session")
+def unit(rough: gp.Packing) -> float:
+    """Of its f*, N."""
+    return float(rough.law.coefficient * rough.width**1.5)
+
+
+@pytest.fixture(scope="session")
 def smooth(steel: gp.Material) -> gp.Packing:
     """The same without friction."""
     return gp.Packing(steel, diameter=8e-3, friction=False)

@@ -26,9 +26,10 @@ SCRIPTS = sorted(path.stem for path in EXAMPLES.glob("*.py"))
 SUFFIX = {"rolling_wave": ".gif", "wave_crossing": ".gif"}
 #: what takes more than a second and a half: simulations of many balls, and half spaces; the documentation runs them too
 LONG = {
-    "coherent_speckle", "column", "conjecture", "diatomic_chain", "disorder_in_space", "dos", "fcc_and_hcp",
-    "fit_width", "force_chains", "hexagon_pulse", "hysteresis", "iso_frequency", "ladder", "paper_figures6_7_8",
-    "paper_figures9_10_11", "poisson_ratio", "random_packing", "rolling_wave", "second_harmonic", "several_runs",
+    "coherent_speckle", "column", "conjecture", "defect_mode", "diatomic_chain", "disorder_in_space", "dos",
+    "fcc_and_hcp", "fit_width", "force_chains", "hexagon_pulse", "hysteresis", "impact_on_hexagon", "iso_frequency",
+    "ladder", "paper_figures6_7_8", "paper_figures9_10_11", "poisson_ratio", "pressed_along_one_axis",
+    "pressure_sweep", "random_packing", "rolling_wave", "second_harmonic", "several_runs",
     "slowness_fcc", "soft_modes", "solitary_wave", "spectral_function", "surface_waves_fcc", "transfer_function",
     "transmission", "true_directions", "wave_crossing", "work_precision", "zigzag_edge",
 }  # fmt: skip
@@ -80,6 +81,7 @@ def test_an_example_is_a_page_of_the_gallery_and_asserts_a_number(name):
     assert any(isinstance(node, ast.Assert) for node in ast.walk(tree))
 
 
+@pytest.mark.exhaustive
 def test_the_wave_runs_to_the_right_and_comes_back_after_a_period(run):
     names = run("rolling_wave").names
     with Image.open(run("rolling_wave").out) as image:

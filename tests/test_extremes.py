@@ -20,7 +20,7 @@ from tests.extreme_refusals import REFUSALS, Refusal, printed, tables
 EVERY = [*CASES, *CRYSTALS]
 
 
-@pytest.mark.claim("readme-range", "extremes-errors", "api-waves")
+@pytest.mark.claim("readme-range", "extremes-errors", "api-waves", "membranes-bend")
 @pytest.mark.parametrize("case", only([case for case in EVERY if not case.slow], EVERY), ids=[case.name for case in EVERY])
 def test_claims(case: Case) -> None:
     assert worst(case) <= case.claim

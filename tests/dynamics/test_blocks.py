@@ -141,42 +141,7 @@ def test_a_tiny_stiffness_is_not_none():
         assert np.all(lattice.frequencies([[0.9, 0.4]])[0] > 1e-14)
 
 
-@pytest.mark.parametrize("name", ["chain", "square", "honeycomb"])
-def test_a_larger_cell_has_as_many_free_branches_for_each_ball(name):
-    one = make(name)
-    cell = one.cell.copy()
-    cell[0] *= 2.0
-    lattice = gp.Lattice("double", cell.tolist(), double_sites(one).tolist())
-    two = make(lattice)
-    assert two.free_branches == 2 * one.free_branches
-    q = scatter(one, 5)
-    folded = np.sort(np.concatenate([one.frequencies(q), one.frequencies(q + two.reciprocal[0])], axis=1), axis=1)
-    assert_allclose(two.frequencies(q), folded, atol=2e-14)
-    assert np.all(np.count_nonzero(two.frequencies(q) == 0.0, axis=1) == two.free_branches)
-
-
-def double_sites(lattice):
-    fractions = lattice.positions[:, : lattice.periods] @ np.linalg.inv(lattice.cell[:, : lattice.periods])
-    shift = np.eye(lattice.periods)[0]
-    return np.concatenate([fractions, fractions + shift]) / (1.0 + shift)
-
-
 # -- closed forms ---------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.claim("membranes-bend")
-@given(size=sizes, bending=st.floats(1e-3, 1.0), torsion=st.floats(1e-3, 1.0), eta=st.floats(0.05, 1.3))
-def test_chain_in_closed_form_at_every_size(size, bending, torsion, eta):
-    s, c = math.sin(size / 2), math.cos(size / 2)
-    trace, determinant = eta * (4 * s**2 + 10 * c**2) + 40 * bending * s**2, 160 * eta * bending * s**4
-    high = math.sqrt((trace + math.sqrt(trace**2 - 4 * determinant)) / 2)
-    low = math.sqrt(160 * eta * bending) * s**2 / high
-    expected = sorted([2 * s, 2 * s * math.sqrt(10 * torsion), low, low, high, high])
-    lattice = make("chain", ALL, eta, bending=bending, torsion=torsion)
-    assert_allclose(lattice.frequencies([[size]])[0], expected, rtol=2e-14)
-    without = make("chain", ALL, eta).frequencies([[size]])[0]
-    pair = math.sqrt(eta * (4 * s**2 + 10 * c**2))
-    assert_allclose(without, [0.0, 0.0, 0.0, *sorted([2 * s, pair, pair])], rtol=4e-15)
 
 
 @pytest.mark.claim("membranes-bend")
@@ -412,12 +377,6 @@ def test_motions_in_and_out_of_the_plane_do_not_mix_where_they_cross():
     assert_allclose(np.sum(parts, axis=2), np.array([3.0, 1.0, 1.0, 1.0])[:, None] * np.ones(len(q)), atol=1e-13)
     assert np.all(modes.out_of_plane_fraction[part == 0.0] == 0.0)
     assert np.all(modes.longitudinal_fraction[part > 0.5] == 0.0)
-
-
-def test_a_line_and_a_crystal_have_no_plane():
-    for name in ("chain", "fcc"):
-        modes = make(name, ALL).modes([GENERIC[1 if name == "chain" else 3]])
-        assert np.all(modes.out_of_plane_fraction == 0.0)
 
 
 def test_at_gamma_a_flexural_wave_stands_still():

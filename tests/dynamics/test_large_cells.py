@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 import granphon as gp
 from granphon.base.errors import InputError
 from granphon.dynamics.contact_lattice import ContactLattice
+from tests.networks.twin import dynamical_matrix
 
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
 POINTS = [[0.0, 0.0], [0.31, 0.17], [0.5, 0.0], [0.02, 0.01]]
@@ -21,31 +22,14 @@ def sample():
     return gp.DirectSimulation(packing, shape=(11, 11), seed=0).at_force(18.446).sample
 
 
-def sum_over_contacts(network, q):
-    """D(q) of balls in a plane, (rad/s)^2, by the energy of each contact; q (2,) in fractions."""
-    n, mass = network.n_balls, network.masses
-    matrix = np.zeros((3 * n, 3 * n), complex)
-    scale = np.sqrt(np.stack([mass, mass, network.inertias], axis=1)).ravel()
-    for c in range(network.n_contacts):
-        i, j, (x, y) = network.i[c], network.j[c], network.normal[c, :2]
-        phase = np.exp(2j * np.pi * (network.shift[c, :2] @ q))
-        for row, k in (
-            ([x, y, 0.0, x, y, 0.0], network.normal_stiffness[c]),
-            # the surfaces slip along (-y, x)
-            ([-y, x, network.arm_i[c], -y, x, -network.arm_j[c]], network.shear_stiffness[c]),
-        ):
-            line = np.array(row, complex) * np.repeat([-1.0, phase], 3)
-            places = np.concatenate([3 * i + np.arange(3), 3 * j + np.arange(3)])
-            matrix[np.ix_(places, places)] += k * np.outer(line.conj(), line)
-    return matrix / np.outer(scale, scale)
-
-
 @pytest.mark.claim("large-cells")
 def test_frequencies_of_a_sample_are_those_of_the_sums_over_its_contacts(sample):
     network = sample.network
     found = gp.Phonons(network).frequencies(POINTS)
     for q, own in zip(POINTS, found, strict=True):
-        squares = np.linalg.eigvalsh(sum_over_contacts(network, np.array(q)))
+        matrix = dynamical_matrix(network, 2.0 * np.pi * np.linalg.pinv(network.cell[:2]) @ q)
+        kept = (6 * np.arange(network.n_balls)[:, None] + [0, 1, 5]).ravel()
+        squares = np.linalg.eigvalsh(matrix[np.ix_(kept, kept)])
         assert_allclose(own**2 * 4.0 * np.pi**2, squares, rtol=1e-11, atol=1e-13 * squares[-1])
     assert np.count_nonzero(found == 0.0) == np.count_nonzero(found[0] == 0.0) == 2
 

@@ -289,7 +289,7 @@ def test_any_cell_of_a_crystal_gives_the_same(name, eta, cell):
     assert local_field(CELLS[name, eta, cell], eta).xi == pytest.approx(VALUES[name, eta], rel=2e-8)
 
 
-@settings(deadline=None, max_examples=10)
+@settings(deadline=None, max_examples=5)
 @given(st.floats(0.3, 3.0), st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.sampled_from(["square", "kagome"]))
 def test_stiffer_contacts_make_no_lattice_softer(eta, torsion, bending, name):
     field = local_field(name, eta, torsion=torsion, bending=bending)

@@ -273,7 +273,7 @@ def test_the_distribution_is_that_of_all_samples_and_integrates_to_one(simulated
 def test_a_figure_of_forces_fits_its_page(shape, packing, tmp_path):
     state = gp.DirectSimulation(packing, shape).at_force(2.0)
     figure = forces_figure(state)
-    figure.savefig(tmp_path / "forces.png")
+    figure.savefig(tmp_path / "forces.png", dpi=50)
     assert figure.get_size_inches()[0] == 7.0
     assert_inside_page(figure)
     (left, right), bar = figure.axes[:2], figure.axes[2]

@@ -76,19 +76,19 @@ def test_the_start_does_not_matter(start):
 
 
 @pytest.mark.parametrize(("width", "sigma", "lowest"), [(60e-6, (1.0, 3.0), 1), (100e-6, (10.0, 50.0), 0)])
-@pytest.mark.parametrize("start", [1e-6, 35e-6])
-def test_of_two_minima_the_deeper_is_found(start, width, sigma, lowest):
+def test_of_two_minima_the_deeper_is_found(width, sigma, lowest):
     # some data ask for a small width and many for a large one
     force, sigmas = np.repeat([2.0, 30.0], [3, 40]), np.repeat(sigma, [3, 40])
     wanted = np.where(force < 3.0, velocities(spread_over(0.5e-6), force=force), velocities(spread_over(width), force=force))
-    widths = np.geomspace(0.1e-6, 300e-6, 200)
+    widths = np.geomspace(0.1e-6, 300e-6, 100)
     squares = np.array([np.sum(((velocities(spread_over(w), force=force) - wanted) / sigmas) ** 2) for w in widths])
     minima = np.flatnonzero((squares[1:-1] < squares[:-2]) & (squares[1:-1] < squares[2:])) + 1
     assert len(minima) == 2
     assert np.argmin(squares) == minima[lowest]
-    fit = fit_width(spread_over(start), force, wanted, sigmas)
-    assert_allclose(fit.width, widths[minima[lowest]], rtol=0.04)
-    assert fit.chi2 <= squares.min()
+    for start in (1e-6, 35e-6):
+        fit = fit_width(spread_over(start), force, wanted, sigmas)
+        assert_allclose(fit.width, widths[minima[lowest]], rtol=0.08)
+        assert fit.chi2 <= squares.min()
 
 
 @pytest.mark.parametrize("name", ["young_modulus", "diameter"])
@@ -187,9 +187,7 @@ def remembered(monkeypatch):
 
 @pytest.mark.claim("tutorial-fit")
 @pytest.mark.usefixtures("remembered")
-@pytest.mark.parametrize(
-    ("medium", "count"), [("afa", 80), ("ema", 60), pytest.param("afa", 300, marks=pytest.mark.exhaustive)]
-)
+@pytest.mark.parametrize(("medium", "count"), [("ema", 60), pytest.param("afa", 300, marks=pytest.mark.exhaustive)])
 def test_errors_of_given_sigma_are_right_in_repeated_experiments(medium, count):
     sigma = np.linspace(6.0, 2.0, 12)
     pulls, fits = repeated(count, sigma, 1, medium=medium, sigma=sigma)
@@ -366,6 +364,7 @@ def test_data_that_cannot_determine_the_parameters_are_refused(options, words):
         fit_width(BALLS, **given)
 
 
+@pytest.mark.usefixtures("remembered")
 @pytest.mark.parametrize("sigma", [None, 0.01])
 def test_data_above_the_velocity_of_equal_balls_are_told(sigma):
     """10 % too fast, at loads so low that a width is found all the same."""
@@ -383,9 +382,9 @@ def test_data_above_the_velocity_of_equal_balls_are_told(sigma):
     both = fit_width(BALLS, force, fast, None if sigma is None else sigma * fast, parameters=("width", "young_modulus"))
     assert not any("not a width" in text for text in both.warnings)
     # noise that puts data above equal balls is not told of
-    noise = 1.0 + 0.01 * np.random.default_rng(7).normal(size=(40, 12))
+    noise = 1.0 + 0.01 * np.random.default_rng(7).normal(size=(20, 12))
     noisy = [fit_width(BALLS, FORCE, EXACT["ema"] * one, None if sigma is None else sigma * EXACT["ema"]) for one in noise]
-    assert sum(bool(np.any(one.velocity > velocities(BALLS, "ala"))) for one in noisy) > 4
+    assert sum(bool(np.any(one.velocity > velocities(BALLS, "ala"))) for one in noisy) > 2
     assert sum(any("not a width" in text for text in one.warnings) for one in noisy) <= 1
 
 
@@ -453,9 +452,8 @@ def test_residuals_too_large_or_too_small_for_sigma_are_said_with_p(factor):
     assert np.isnan(fit_width(BALLS, FORCE, NOISY).p)
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_a_sigma_far_below_the_scatter_is_accepted_as_the_minimum_is_found(seed):
-    noisy = EXACT["ema"] + 20.0 * np.random.default_rng(seed).normal(size=12)
+def test_a_sigma_far_below_the_scatter_is_accepted_as_the_minimum_is_found():
+    noisy = EXACT["ema"] + 20.0 * np.random.default_rng(0).normal(size=12)
     fit, plain = (fit_width(BALLS, FORCE, noisy, sigma) for sigma in (1e-9, None))
     assert_allclose(fit.width, plain.width, rtol=1e-6)
     assert any("p = 0" in warning for warning in fit.warnings)
@@ -534,7 +532,7 @@ def test_an_error_as_large_as_the_width_is_said():
 
 
 @pytest.mark.usefixtures("remembered")
-@pytest.mark.parametrize("sigma", [None, 4.0, 1.0])
+@pytest.mark.parametrize("sigma", [None, 4.0])
 def test_a_datum_is_seldom_called_wild_by_chance(sigma):
     fits = [
         fit_width(BALLS, FORCE, EXACT["afa"] + 4.0 * np.random.default_rng(s).normal(size=12), sigma, medium="afa")
@@ -659,8 +657,9 @@ def test_the_model_in_the_exact_geometry_is_the_samples_there(branch, frequency)
     assert_allclose(found, waves.velocity(state)[0], rtol=1e-3 if frequency else 1e-10)
 
 
-@pytest.mark.parametrize("frequency", [None, 2e4])
-@pytest.mark.parametrize("medium", ["ema", {"simulation": {"shape": (6, 6), "geometry": "exact"}}])
+@pytest.mark.parametrize(
+    ("medium", "frequency"), [("ema", None), ({"simulation": {"shape": (6, 6), "geometry": "exact"}}, 2e4)]
+)
 def test_derivatives_with_finite_overlap(medium, frequency):
     """At overlaps of 4 % of the diameter; of pulses but for terms of this order in how they disperse."""
     waves = Waves("longitudinal", np.array([0.0, 1.0]), frequency, True)
@@ -669,11 +668,10 @@ def test_derivatives_with_finite_overlap(medium, frequency):
     require_derivatives(model, model.find_start(WIDE.width), 1e-3, 1e-5 if frequency is None else 1e-2, 1e-6)
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_two_parameters_are_fitted_with_finite_overlap(seed):
+def test_two_parameters_are_fitted_with_finite_overlap():
     """At overlaps of 4 % of the diameter, to data that scatter."""
     clean = velocities(WIDE, "ema", HIGH, finite_overlap=True)
-    noisy = clean * (1.0 + 0.004 * np.random.default_rng(seed).standard_normal(len(HIGH)))
+    noisy = clean * (1.0 + 0.004 * np.random.default_rng(0).standard_normal(len(HIGH)))
     fit = fit_width(WIDE, HIGH, noisy, 0.004 * clean, parameters=("width", "young_modulus"), finite_overlap=True)
     assert np.all(np.abs(fit.values - (WIDE.width, STEEL.young_modulus)) < 3.0 * fit.stderrs)
 
@@ -703,12 +701,11 @@ def test_samples_that_belong_to_one_width_give_it(options):
         assert not np.allclose(fit.velocity_at(HIGH[2:], limit), fit.velocities, rtol=5e-3)
 
 
-@pytest.mark.parametrize("factor", [1.02, 1.5])
-def test_samples_of_no_width_are_not_simulated_in_the_exact_geometry(factor):
+def test_samples_of_no_width_are_not_simulated_in_the_exact_geometry():
     given = {"simulation": {"shape": (4, 4), "geometry": "exact"}}
     ideal = velocities(BALLS, "ala", HIGH, finite_overlap=True)
     with pytest.raises(InputError, match=r"% above those of equal balls\. A spread of diameters slows sound"):
-        fit_width(BALLS, HIGH, factor * ideal, 1.0, medium=given)
+        fit_width(BALLS, HIGH, 1.02 * ideal, 1.0, medium=given)
     with pytest.raises(InputError, match="the width cannot be told from zero"):
         fit_width(BALLS, HIGH, ideal, 1.0, medium=given, parameters=("width", "young_modulus"))
 
@@ -808,18 +805,17 @@ def test_the_range_of_errors_is_said_and_none_of_one_datum(folder, capsys):
     assert "nothing can be said of how well the model fits" in printed.err
 
 
-@pytest.mark.parametrize("finite", [False, True])
-def test_pressures_are_contact_forces_of_the_packing(folder, capsys, finite):
+def test_pressures_are_contact_forces_of_the_packing(folder, capsys):
     scene = folder / "pressed.yaml"
     scene.write_text(
         "material: {young_modulus: 1 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}\n"
-        f"packing: {{diameter: 8 mm, spread: {{uniform: 20 um}}, finite_overlap: {str(finite).lower()}}}\n"
+        "packing: {diameter: 8 mm, spread: {uniform: 20 um}, finite_overlap: true}\n"
         "load: {force: 10 N}\n",
         encoding="utf-8",
     )
     packing = change_packing(spread_over(20e-6), {"young_modulus": 1e9})
     pressure = np.geomspace(600.0, 4000.0, 6)
-    state = gp.EffectiveMedium(packing).at_pressure(pressure, finite_overlap=finite)
+    state = gp.EffectiveMedium(packing).at_pressure(pressure, finite_overlap=True)
     speeds = sound_velocities(state, (0.0, 1.0)).longitudinal
     rows = "".join(f"{p!r},{v!r}\n" for p, v in zip(pressure.tolist(), speeds.tolist(), strict=True))
     (folder / "pressures.csv").write_text("pressure (N/m),velocity (m/s)\n" + rows, encoding="utf-8")
@@ -832,12 +828,12 @@ def test_pressures_are_contact_forces_of_the_packing(folder, capsys, finite):
 
 def test_the_command_fits_a_simulated_medium(folder, capsys):
     with (folder / "scene.yaml").open("a", encoding="utf-8") as scene:
-        scene.write("medium: {simulation: {shape: 32 32}}\n")
-    rows = zip(FORCE.tolist(), velocities(TRUE, {"simulation": {"shape": (32, 32)}}).tolist(), strict=True)
+        scene.write("medium: {simulation: {shape: 16 16}}\n")
+    rows = zip(FORCE.tolist(), velocities(TRUE, {"simulation": {"shape": (16, 16)}}).tolist(), strict=True)
     (folder / "data.csv").write_text("\n".join(["force (N),velocity (m/s)", *(f"{f!r},{v!r}" for f, v in rows)]))
     assert command("scene.yaml", "data.csv", "-o", "out") == 0
     printed = capsys.readouterr().out
-    assert "medium                simulation(geometry=lattice, shape=32 32)" in printed
+    assert "medium                simulation(geometry=lattice, shape=16 16)" in printed
     assert re.search(r"width                 2\.0[345]\d* \+/- [\d.]+ um", printed)
     assert (folder / "out" / "fit.png").read_bytes().startswith(b"\x89PNG")
 

@@ -39,18 +39,6 @@ medium: {auto: {tolerance: 2e-3}}
 SWEEP = SCENE.replace("18.446 N", "[6 N, 18.446 N, 90 N]").replace("2e-3", "5e-3")
 
 
-@pytest.fixture(scope="module")
-def rough(steel):
-    """The array of the experiment, with the spread of Section IV."""
-    return gp.Packing(steel, diameter=8e-3, spread=gp.Uniform(WIDTH))
-
-
-@pytest.fixture(scope="module")
-def unit(rough):
-    """Of f*, N."""
-    return rough.law.coefficient * rough.width**1.5
-
-
 @pytest.fixture
 def work(work):
     """The working folder with a scene of one state, and one of a sweep."""

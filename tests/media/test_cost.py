@@ -215,7 +215,7 @@ RANGE = "{from: 5 N, to: 9 N, points: 3000}"
         pytest.param("kagome", "true", "5 N", "bands", "band_points: 150", marks=pytest.mark.exhaustive),
         pytest.param("triangular", "true", "5 N", "dos", "mesh: 200 200 1", marks=pytest.mark.exhaustive),
         pytest.param("triangular", "true", "5 N", "dos", "mesh: 60 61 1", marks=pytest.mark.exhaustive),
-        ("triangular", "true", "5 N", "bands", "dim: 16 16 1, band_points: 2"),
+        pytest.param("triangular", "true", "5 N", "bands", "dim: 16 16 1, band_points: 2", marks=pytest.mark.exhaustive),
         pytest.param("triangular", "true", RANGE, "velocities", "", marks=pytest.mark.exhaustive),
         ("triangular", "true", RANGE, "velocities, bands", "band_points: 40"),
     ],

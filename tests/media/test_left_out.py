@@ -30,12 +30,12 @@ def narrow(ratio: float, **given: object) -> gp.Packing:
 
 def test_each_load_has_its_own_geometry_whatever_the_others_are():
     force = FORCES * unit(REAL)
-    together = gp.DirectSimulation(REAL, (16, 16)).at_force(force)
+    together = gp.DirectSimulation(REAL, (8, 8)).at_force(force)
     assert [sample.is_exact for sample in together.samples] == [True, True, False, False, False]
     assert together.finite_overlap
     velocities = gp.sound_velocities(together)
     for place, load in enumerate(force.tolist()):
-        alone = gp.DirectSimulation(REAL, (16, 16)).at_force(load)
+        alone = gp.DirectSimulation(REAL, (8, 8)).at_force(load)
         assert alone.finite_overlap == (place < 2) == together[place].finite_overlap
         for name in ("overlap", "normal_stiffness", "pressure", "effective_density", "exponent"):
             assert_allclose(np.asarray(getattr(together, name))[place], getattr(alone, name), rtol=1e-7)
@@ -46,9 +46,9 @@ def test_each_load_has_its_own_geometry_whatever_the_others_are():
 
 def test_the_states_are_those_of_the_geometries_by_word():
     force = FORCES * unit(REAL)
-    found = gp.DirectSimulation(REAL, (12, 12), samples=2).at_force(force)
+    found = gp.DirectSimulation(REAL, (8, 8), samples=2).at_force(force)
     for word, places in ((EXACT, [0, 1]), (LATTICE, [2, 3, 4])):
-        named = gp.DirectSimulation(REAL, (12, 12), samples=2, geometry=word).at_force(force[places])
+        named = gp.DirectSimulation(REAL, (8, 8), samples=2, geometry=word).at_force(force[places])
         assert_array_equal(found.overlap[places], named.overlap)
         assert_allclose(gp.sound_velocities(found[places]).transverse, gp.sound_velocities(named).transverse, rtol=1e-13)
         assert_allclose(found.pressure[places], named.pressure, rtol=1e-13)

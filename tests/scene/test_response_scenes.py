@@ -83,9 +83,9 @@ def test_the_driven_chain_has_its_closed_form(tmp_path):
 
 
 def test_a_sweep_over_loads_has_the_numbers_of_python_and_a_map(tmp_path):
-    forces = np.geomspace(2.0, 128.0, 7)
+    forces = np.geomspace(2.0, 128.0, 3)
     text = CHAIN.replace("quantity:", "loss_factor: 0.02\n  quantity:")
-    one = scene(text, FORCE="{from: 2 N, to: 128 N, points: 7}")
+    one = scene(text, FORCE="{from: 2 N, to: 128 N, points: 3}")
     result = one.run(tmp_path)
     found = complex_of(result.dataset, "transmissibility")[:, 0]
     crystal = one.packing.crystal
@@ -97,7 +97,6 @@ def test_a_sweep_over_loads_has_the_numbers_of_python_and_a_map(tmp_path):
     doubled = complex_of(again.run(tmp_path / "again", figures=False).dataset, "transmissibility")[:, 0]
     assert_allclose(doubled[-1], found[0], rtol=1e-8)
     assert redraw(tmp_path, tmp_path / "response.pdf").name == "response.pdf"
-    assert redraw(tmp_path, force=True).name == "sweep.png"
 
 
 def test_peaks_are_those_of_the_damped_modes(tmp_path):

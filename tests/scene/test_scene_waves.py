@@ -75,7 +75,7 @@ def test_scene_with_waves_is_written_and_read_back(done):
     assert again == scene
 
 
-@pytest.mark.parametrize("stem", ["sample_dos", "spectrum", "pulse"])
+@pytest.mark.parametrize("stem", ["sample_dos", "spectrum"])
 def test_figures_are_drawn_again(done, tmp_path, stem):
     _, _, folder = done
     assert redraw(folder, out=tmp_path / f"{stem}.svg").stat().st_size > 5000
@@ -185,8 +185,8 @@ def test_cost_of_a_spectrum_counts_each_wave_vector_of_the_cell_once():
     def find(points, text=ARRAY):
         return gp.Scene.from_text(text + f"observe: [spectrum]\nspectrum: {{points: {points}}}\n")
 
-    large = ARRAY.replace("[12, 24]", "[200, 200]")
-    few, many = (find(points, large).cost().known for points in (1000, 10_000))
+    large = ARRAY.replace("[12, 24]", "[60, 60]")
+    few, many = (find(points, large).cost().known for points in (300, 3000))
     assert many == pytest.approx(few, rel=0.2)
 
 

@@ -22,18 +22,6 @@ KINDS = ("force", "pressure", "overlap")
 
 
 @pytest.fixture(scope="module")
-def rough(steel):
-    """The array of the experiment, with the spread of Section IV."""
-    return gp.Packing(steel, diameter=8e-3, spread=gp.Uniform(2.04e-6))
-
-
-@pytest.fixture(scope="module")
-def unit(rough):
-    """Of f*, N."""
-    return rough.law.coefficient * rough.width**1.5
-
-
-@pytest.fixture(scope="module")
 def many(rough, unit):
     """Enough samples for a regression, at f* = 1, 3 and 30."""
     return collect(rough, "force", (unit, 3.0 * unit, 30.0 * unit), (12, 12), 48)

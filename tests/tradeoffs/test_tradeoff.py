@@ -49,12 +49,6 @@ medium: ema
 """
 
 
-@pytest.fixture(scope="module")
-def rough(steel):
-    """The array of the experiment, with the spread of Section IV."""
-    return gp.Packing(steel, diameter=8e-3, spread=gp.Uniform(WIDTH))
-
-
 class WorkCounter(Stopwatch):
     """Counts work, so that no test depends on how busy the machine is.
 
