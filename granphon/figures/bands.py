@@ -105,9 +105,14 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
     ax.add_collection(LineCollection(list(ends), colors="black", linewidths=1.2, zorder=2.5, gid="path"), autolim=False)
     middle = outline.mean(axis=0)
     names = {print_label(bands.labels[s + e].split("|")[e - 1]): ends[s, e] for s in range(len(ends)) for e in (0, 1)}
+    # in space a label stands in the one of these directions in which the lines of the path are farthest
+    lines = (ends[:, 0] + np.linspace(0.0, 1.0, 41)[:, None, None] * (ends[:, 1] - ends[:, 0])).reshape(-1, 2)
+    ways = np.stack([turn(2.0 * np.pi * np.arange(32) / 32.0) for turn in (np.cos, np.sin)], axis=1)
+    around = 0.15 * float(np.ptp(lines, axis=0).max()) * ways[:, None]
     for name, place in names.items():
         ax.plot(*place, "o", color="black", markersize=2.2, zorder=2.6)
-        away = _find_free_side(place, ends) if periods == 3 else place - middle
+        distance = np.linalg.norm(place + around - lines, axis=2).min(axis=1)
+        away = ways[np.argmax(np.round(distance, 9))] if periods == 3 else place - middle
         if np.linalg.norm(away) <= 1e-9:
             away = middle - ends.reshape(-1, 2).mean(axis=0)
         if periods == 1:
@@ -122,17 +127,6 @@ def plot_zone(bands: Bands, ax: Axes, *, view: View | None = None) -> Axes:
     low, high = points.min(axis=0), points.max(axis=0)
     hide_axes(ax, low - 0.2 * np.max(high - low), high + 0.2 * np.max(high - low))
     return ax
-
-
-def _find_free_side(place: Array, ends: Array) -> Array:
-    """Find the direction (2,) from ``place`` in which a label is farthest from the lines of the path, ``ends`` (n, 2, 2)."""
-    along = np.linspace(0.0, 1.0, 41)[:, None, None]
-    lines = (ends[:, 0] + along * (ends[:, 1] - ends[:, 0])).reshape(-1, 2)
-    angle = 2.0 * np.pi * np.arange(32) / 32.0
-    ways = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    reach = 0.15 * float(np.ptp(lines, axis=0).max())
-    distance = np.linalg.norm(place + reach * ways[:, None] - lines, axis=2).min(axis=1)
-    return np.asarray(ways[np.argmax(np.round(distance, 9))])
 
 
 def _choose_view(corners: Array, faces: list[Array]) -> View:
@@ -205,7 +199,10 @@ def plot_bands(
         for s, b in np.ndindex(field.shape[0], field.shape[2]):
             ax.fill_between(bands.distances[s], *field[s, :, b].T, color=_GAP, linewidth=0.0, zorder=0.1)
     for s, x in enumerate(bands.distances):
-        widths = _choose_widths(values[s], 1e-6 * values.max())  # what is closer is one line in print
+        # what is closer than this is one line in print: each later branch here and at a neighbour is a step wider
+        close = np.abs(values[s, :, :, None] - values[s, :, None, :]) <= 1e-6 * values.max()
+        both = np.pad(close[1:] & close[:-1], ((1, 1), (0, 0), (0, 0)))
+        widths = 1.5 * (1.0 + np.minimum(np.triu(both[1:] | both[:-1], 1).sum(axis=2), 3))  # (p, b), in points
         for b in range(bands.n_branches):
             points = np.stack([x, values[s, :, b]], axis=1)
             middle = 0.5 * (points[:-1] + points[1:])  # the line is cut half way between its points
@@ -246,14 +243,6 @@ def _choose_unit(result: Bands | DensityOfStates) -> HertzPrefix:
     """Return the decimal unit of hertz for the top frequency of the result."""
     there = result.frequencies if isinstance(result, Bands) else result.frequencies[result.total > 0.0]
     return HertzPrefix.for_top(float(there.max()))
-
-
-def _choose_widths(values: Array, tolerance: float) -> Array:
-    """Return line widths (p, b), in points: a step wider for each later branch that coincides here and at a neighbour."""
-    close = np.abs(values[:, :, None] - values[:, None, :]) <= tolerance
-    both = np.pad(close[1:] & close[:-1], ((1, 1), (0, 0), (0, 0)))
-    later = np.triu(both[1:] | both[:-1], 1).sum(axis=2)
-    return np.asarray(1.5 * (1.0 + np.minimum(later, 3)))  # width of a branch, in points
 
 
 def plot_asymptotes(

@@ -656,8 +656,21 @@ def _draw_together(
     if not runs:
         raise InputError("there is nothing to draw", mend="Give results")
     asked = x is not None or y is not None or bool(given)
-    if not asked and all(run.bands is not None for run in runs):
-        return _draw_bands(runs, ax)
+    if not asked and len(every := [run.bands for run in runs if run.bands is not None]) == len(runs):
+        first = every[0]
+        for run, bands in zip(runs, every, strict=True):
+            same = bands.labels == first.labels and bands.distances.shape[0] == first.distances.shape[0]
+            if not same or not np.allclose(bands.distances[:, [0, -1]], first.distances[:, [0, -1]], rtol=0.0, atol=1e-6):
+                paths = f"The one is {'-'.join(first.labels)}, the other {'-'.join(bands.labels)}"
+                what = f"the bands of {runs[0].name} and {run.name} cannot share an axis: their paths differ"
+                why = paths if bands.labels != first.labels else "The zones of the lattices have other sizes"
+                raise InputError(what, why, "Compute them along one path")
+        unit = HertzPrefix.for_top(max(float(bands.frequencies.max()) for bands in every))
+        lines = [list(zip(one.distances, one.connected_frequencies / unit.hertz, strict=True)) for one in every]
+        drawn = _draw_spectra(runs, ax, "bands", lines)
+        name_corners(ax, np.append(first.distances[:, 0], first.distances[-1, -1]), first.labels)
+        ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(0.0, None))
+        return drawn
     if not asked and (dos := [run.dos for run in runs if run.dos is not None]) and len(dos) == len(runs):
         unit = HertzPrefix.for_top(max(float(one.frequencies.max()) for one in dos))
         drawn = _draw_spectra(runs, ax, "dos", [[(one.frequencies / unit.hertz, one.total * unit.hertz)] for one in dos])
@@ -976,22 +989,3 @@ def _draw_spectra(runs: Sequence[Run], ax: Axes, name: str, lines: Sequence[Sequ
             ax.plot(x, y, gid=f"{name}-{n}", color=look.colour, linewidth=look.width, **dashes)
         handles.append(Line2D([], [], label=label, color=look.colour, linewidth=look.width, **dashes))
     return handles, common if len(runs) > 1 else []
-
-
-def _draw_bands(runs: Sequence[Run], ax: Axes) -> _Drawn:
-    """Draw bands one over the other, a colour for each run; :class:`InputError` if their paths differ."""
-    every = [run.bands for run in runs if run.bands is not None]
-    first = every[0]
-    for run, bands in zip(runs, every, strict=True):
-        same = bands.labels == first.labels and bands.distances.shape[0] == first.distances.shape[0]
-        if not same or not np.allclose(bands.distances[:, [0, -1]], first.distances[:, [0, -1]], rtol=0.0, atol=1e-6):
-            paths = f"The one is {'-'.join(first.labels)}, the other {'-'.join(bands.labels)}"
-            what = f"the bands of {runs[0].name} and {run.name} cannot share an axis: their paths differ"
-            why = paths if bands.labels != first.labels else "The zones of the lattices have other sizes"
-            raise InputError(what, why, "Compute them along one path")
-    unit = HertzPrefix.for_top(max(float(bands.frequencies.max()) for bands in every))
-    lines = [list(zip(one.distances, one.connected_frequencies / unit.hertz, strict=True)) for one in every]
-    drawn = _draw_spectra(runs, ax, "bands", lines)
-    name_corners(ax, np.append(first.distances[:, 0], first.distances[-1, -1]), first.labels)
-    ax.set(ylabel=f"Frequency ({print_hertz(unit)})", ylim=(0.0, None))
-    return drawn

@@ -153,27 +153,24 @@ class _SampleCurve:
         cell, part = np.divmod(logs / _NODE_SPACING, 1.0)
         nodes = cell.astype(int)[:, None] + np.arange(-2, 4)
         if lacking := sorted(set(nodes.ravel().tolist()) - set(self._known)):
-            self._solve(lacking)
+            packing = self.medium.packing
+            force = np.exp(_NODE_SPACING * np.array(lacking)) * packing.width_units.force
+            state = self.medium.at_force(force)
+            found, _ = self.waves.velocity(state)
+            even, stiffness = _make_even(packing, force, self.waves.finite_overlap), np.asarray(state.normal_stiffness)
+            for _ in range(_CORRECTIONS):
+                ratio = (found / self.waves.velocity(replace(even, normal_stiffness=stiffness))[0]) ** 2
+                stiffness = stiffness * ratio
+                if np.max(np.abs(ratio - 1.0)) < _CORRECTED:
+                    break
+            values = np.log(stiffness / packing.width_units.stiffness)
+            self._known |= dict(zip(lacking, values.tolist(), strict=True))
         y = np.array([[self._known[node] for node in row] for row in nodes.tolist()])
         first, last = ((y[:, i - 2] - 8.0 * y[:, i - 1] + 8.0 * y[:, i + 1] - y[:, i + 2]) / 12.0 for i in (2, 3))
         rise = y[:, 3] - y[:, 2]
         bend, twist = 3.0 * rise - 2.0 * first - last, first + last - 2.0 * rise
         value = y[:, 2] + part * (first + part * (bend + part * twist))
         return value, (first + part * (2.0 * bend + 3.0 * part * twist)) / _NODE_SPACING
-
-    def _solve(self, nodes: list[int]) -> None:
-        packing = self.medium.packing
-        force = np.exp(_NODE_SPACING * np.array(nodes)) * packing.width_units.force
-        state = self.medium.at_force(force)
-        found, _ = self.waves.velocity(state)
-        even, stiffness = _make_even(packing, force, self.waves.finite_overlap), np.asarray(state.normal_stiffness)
-        for _ in range(_CORRECTIONS):
-            part = (found / self.waves.velocity(replace(even, normal_stiffness=stiffness))[0]) ** 2
-            stiffness = stiffness * part
-            if np.max(np.abs(part - 1.0)) < _CORRECTED:
-                break
-        values = np.log(stiffness / packing.width_units.stiffness)
-        self._known |= dict(zip(nodes, values.tolist(), strict=True))
 
 
 def _make_even(packing: Packing, force: Array, finite_overlap: bool) -> ContactState:

@@ -40,8 +40,9 @@ _STILL = 1e-3
 _ROUNDING = 1e-10
 #: least number of steps in a period of a shaker
 _PER_PERIOD = 10
-#: parts of the greatest distance between which velocities are read, and the least correlation of a line
-_BETWEEN, _STRAIGHT = (0.25, 0.75), 0.9
+#: parts of the greatest distance between which velocities are read, the least correlation of a line, and the greatest
+#: change of its slope between a quarter and three quarters of them, over the slope: what diffuses, t ~ x^2, has a half
+_BETWEEN, _STRAIGHT, _BENT = (0.25, 0.75), 0.9, 0.25
 
 
 # -- how it is made ---------------------------------------------------------------------------------------------------
@@ -126,7 +127,8 @@ class Passage(NamedTuple):
     arrivals : (n_c,) times at which the force has changed by half of what it ever changes, s; nan where it hardly does.
     peaks, heights : (n_c,) times, s, and sizes, N, of the greatest force; a time is nan at the ends of the motion.
     front, peak : velocities of the arrivals and of the peaks, m/s: the slopes of the lines of least squares of distances
-        over times, of contacts between a quarter and three quarters of the greatest distance. nan without such a line.
+        over times, of contacts between a quarter and three quarters of the greatest distance. nan without such a line, as
+        where dashpots are so strong that the force diffuses.
     """
 
     distances: Array
@@ -160,8 +162,12 @@ def _fit_velocity(distances: Array, times: Array) -> float:
     known &= (distances >= _BETWEEN[0] * far) & (distances <= _BETWEEN[1] * far)
     if np.count_nonzero(known) < 3:
         return math.nan
-    (a, b), (_, c) = np.cov(times[known], distances[known])
-    return float(b / a) if b > _STRAIGHT * math.sqrt(a * c) else math.nan
+    x, t = distances[known], times[known]
+    (a, b), (_, c) = np.cov(t, x)
+    if not b > _STRAIGHT * math.sqrt(a * c):
+        return math.nan
+    curve, slope, _ = np.polyfit((x - np.mean(x)) / far, t, 2) if len(np.unique(x)) > 3 else (0.0, 1.0, 0.0)
+    return float(b / a) if abs(curve) * np.ptp(x) / far <= _BENT * abs(slope) else math.nan
 
 
 def record_motion(x: Any, settings: MotionSettings) -> tuple[dict[str, Array], dict[str, Callable[[], bytes]]]:

@@ -123,7 +123,9 @@ class Store:
             return
         self._home = _identify(self.path.parent)
         text = json.dumps(identity, sort_keys=True)
-        there, mine, before = set(self.names), json.loads(text), self._read_identity()
+        there, mine, before = set(self.names), json.loads(text), None
+        with suppress(ValueError, TypeError, RecursionError):  # it cannot be read
+            before = json.loads(self._read(_IDENTITY)[_HEAD:].partition(b"\n")[2])
         if (identity is None or before != mine) and there - set(names()):
             if not self.force:
                 found = list(_find_differences(before, mine, "")) if before and mine is not None else []
@@ -164,12 +166,6 @@ class Store:
         if hashlib.sha256(entry[_HEAD:]).digest() != entry[:_HEAD] or (entry[_HEAD:].partition(b"\n")[0] != name.encode()):
             raise ValueError
         return entry
-
-    def _read_identity(self) -> Any:
-        """Return the identity of the work that left results there; None if it cannot be read."""
-        with suppress(ValueError, TypeError, RecursionError):
-            return json.loads(self._read(_IDENTITY)[_HEAD:].partition(b"\n")[2])
-        return None
 
     def append(self, name: str, entry: bytes) -> None:
         """Keep the result of the task of this name, as :func:`encode` has written it.

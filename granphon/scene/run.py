@@ -37,7 +37,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -333,7 +333,7 @@ class RunResult:
             from granphon.figures.bands import bands_figure
 
             return bands_figure(self.bands, self.dos, gaps=self.gaps)
-        return draw_sweep(self.dataset, name)
+        return draw_sweep(self.dataset, name, seen=self.scene.observe)
 
 
 def run(
@@ -565,8 +565,11 @@ def read_summary(folder: Path) -> dict[str, Any]:
 # -- figures ----------------------------------------------------------------------------------------------------------
 
 
-def draw_sweep(dataset: Any, name: str, variable: str | None = None) -> Any:
-    """Draw the figure of a data set that the ``name`` of its file means, or that of one ``variable``."""
+def draw_sweep(dataset: Any, name: str, variable: str | None = None, seen: Collection[str] = ()) -> Any:
+    """Draw the figure of a data set that the ``name`` of its file means, or that of one ``variable``.
+
+    Of a scene whose observations ``seen`` are motions without velocities the variable is the velocity of the peak.
+    """
     stem = Path(name).stem
     if variable is None and stem in NETWORK_BLOCKS:
         from granphon.figures.plot import draw_states
@@ -578,4 +581,6 @@ def draw_sweep(dataset: Any, name: str, variable: str | None = None) -> Any:
         return sweep_dos_figure(dataset) if stem == "sweep_dos" else sweep_spectra_figure(dataset)
     from granphon.figures.curves import sweep_figure
 
+    if variable is None and "motion" in seen and "velocities" not in seen:
+        variable = "peak_velocity" if "peak_velocity" in dataset else "greatest_force"
     return sweep_figure(dataset) if variable is None else sweep_figure(dataset, variable=variable)

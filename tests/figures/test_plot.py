@@ -6,6 +6,7 @@ import itertools
 import os
 import subprocess
 import sys
+from dataclasses import replace
 
 import matplotlib
 import numpy as np
@@ -136,10 +137,14 @@ def test_without_friction_the_colour_is_the_longitudinal_fraction_and_the_bar_sa
 
 
 def test_coinciding_branches_are_all_visible(ax):
+    plain = gp.Phonons(gp.AveragedLattice(gp.Packing(STEEL, 8e-3)).at_force(18.446)).bands("GKM", npoints=4)
     values = np.array([[1.0, 1.0, 1.0], [2.0, 2.0, 3.0], [3.0, 3.0, 3.0], [3.0, 3.5, 4.0]])
-    widths = plot._choose_widths(values, 1e-6)
+    bands = replace(plain, frequencies=np.stack([values, values]), eigenvectors=None)
+    plot.plot_bands(bands, ax)
     # the earlier of two is wider where they stay together, and not where they merely touch (the third, at the ends)
-    assert_allclose(widths / widths.min(), [[2, 1, 1], [2, 1, 1], [2, 1, 1], [1, 1, 1]])
+    for row in branches(ax, bands):
+        widths = np.array([line.get_linewidths() for line in row]).T
+        assert_allclose(widths / widths.min(), [[2, 1, 1], [2, 1, 1], [2, 1, 1], [1, 1, 1]])
 
 
 # -- long waves -----------------------------------------------------------------------------------------------------
