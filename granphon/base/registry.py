@@ -48,7 +48,7 @@ class Registry(Mapping[str, T]):
         from granphon.base.validation import label, require  # imported here: what only lists the plug-ins needs no NumPy
 
         require(f"the name of a {self.what}", label, name)
-        source = _plugins.loading or _PROGRAM
+        source = getattr(_plugins, "loading", "") or _PROGRAM
         if (holder := self._sources.get(name)) is not None and not (holder == source and _is_again(self._made[name], made)):
             raise InputError(f"the {self.what} {name!r} exists already, of {holder}", mend="Give another name")
         self._entries[name], self._sources[name], self._made[name] = entry, source, made
@@ -113,13 +113,8 @@ def _is_again(first: Any, second: Any) -> bool:
         return False
 
 
-class _Plugins(threading.local):
-    """What is loading, in this thread."""
-
-    loading = ""
-
-
-_plugins, _lock = _Plugins(), threading.RLock()
+#: what is loading, in each thread
+_plugins, _lock = threading.local(), threading.RLock()
 #: plug-ins that were loaded, each with why it failed; None where it did not, or has not ended
 _loaded: dict[str, str | None] = {}
 

@@ -30,27 +30,29 @@ _FEW = 20.0
 def plot_motion(motion: Motion, ax: Axes, *, show: Show = "velocities", axis: int | None = None) -> Axes:
     """Draw a map over place and time: of balls their velocity along an axis, or of contacts the change of their force.
 
-    Places are along ``axis``, 0 to 2, by default the first along which the array does not repeat; they are means over the
-    balls, or contacts, of a layer.
+    Places are along ``axis``, 0 to 2, by default the first along which the array does not repeat; they are means over a
+    layer of balls, or over the contacts from it to the next. An oblique cell is drawn as a rectangle.
     """
     network = motion.network
     if show not in ("velocities", "forces") or axis not in (None, 0, 1, 2):
         raise InputError(f"show is {brief(show)}, axis {brief(axis)}", mend="Give velocities or forces, 0, 1 or 2")
     along = int(np.argmin(network.pbc)) % network.dimension if axis is None else axis
-    places, unit = network.positions[:, along], "m/s"
-    values, what = motion.velocities[:, :, along], f"Velocity along {'xyz'[along]}"
+    balls = np.isfinite(network.radii)
+    radius, values = float(np.mean(network.radii[balls])), motion.velocities[:, balls, along]
+    unit, what, places, of_forces = "m/s", f"Velocity along {'xyz'[along]}", network.positions, motion.middles
+    places, of_forces = places[balls, along] + 0.1 * radius, of_forces[:, along] + 0.1 * radius
+    length = network.cell[along, along]
+    if network.pbc[along] and abs(length) == np.linalg.norm(network.cell[along]):
+        places, of_forces = np.mod(places, abs(length)), np.mod(of_forces, abs(length))
+    layers = np.sort(places)
+    layers = layers[np.diff(layers, prepend=-np.inf) > 0.1 * radius] - 0.1 * radius
+    if len(layers) < 3 or 2 * len(layers) < np.ptp(places) / radius - 2.0:  # no layers: slices a radius wide
+        layers = np.arange(layers[0], places.max(), radius)
     if show == "forces":
-        places, unit = motion.middles[:, along], "N"
-        values, what = motion.forces - motion.forces[0], "Change of force"
-    else:
-        balls = np.isfinite(network.radii)
-        places, values = places[balls], values[:, balls]
-    order = np.argsort(places, kind="stable")
-    radius = float(np.mean(network.radii[np.isfinite(network.radii)]))
-    starts = np.flatnonzero(np.diff(places[order], prepend=-np.inf) > 0.1 * radius)
-    if len(starts) < 3 or 2 * len(starts) < np.ptp(places) / radius - 2.0:  # no layers: slices a radius wide
-        whole = np.floor((places[order] - places[order[0]]) / radius)
-        starts = np.flatnonzero(np.diff(whole, prepend=-1.0) > 0.0)
+        places, values, unit, what = of_forces, motion.forces - motion.forces[0], "N", "Change of force"
+    number = np.maximum(np.searchsorted(layers, places, side="right") - 1, 0)
+    order = np.argsort(number, kind="stable")
+    starts = np.flatnonzero(np.diff(number[order], prepend=-1))
     counts = np.diff(starts, append=len(order))
     means = np.add.reduceat(values[:, order], starts, axis=1) / counts
     at = np.add.reduceat(places[order], starts) / counts
@@ -98,6 +100,8 @@ def _draw_speeds(motion: Motion, ax: Axes, frame: int, most: float) -> tuple[Any
     (scale, unit), (seconds, time) = prefixed(most, "m/s"), prefixed(float(motion.times[-1]), "s")
     speeds = np.linalg.norm(motion.velocities[frame], axis=1) / scale
     drawn = draw_balls(motion.network, speeds, ax, "magma_r", Normalize(0.0, most / scale))
+    if np.any(scale * speeds > most):  # they have the darkest colour too
+        drawn.cmap.colorbar_extend = "max"  # type: ignore[assignment]  # the stubs know truth values only
     ax.set_title(f"{motion.times[frame] / seconds:.3g} {_write(time)}")
     return drawn, f"Speed ({_write(unit)})"
 

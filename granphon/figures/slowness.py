@@ -40,15 +40,7 @@ _CUTS = (((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), ((1.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
 
 
 def _find_slowness(state: State, directions: Array) -> tuple[Array, Array, Array]:
-    """Return slowness (n, b), s/km, longitudinal part (n, b) and polarisations (n, u, b) in the ``directions`` (n, p).
-
-    The waves are in the order of ``state.wave_names``. Flexural waves, which have no velocity, are left out.
-
-    Raises
-    ------
-    InputError : the state has several loads, or the lattice has one period.
-    MechanismError : a motion of the lattice costs no energy.
-    """
+    """Return slowness (n, b), s/km, longitudinal part (n, b) and polarisations (n, u, b) in the ``directions`` (n, p)."""
     periods = state.reference_lattice.periods
     if periods == 1:
         raise InputError(f"the {state.name} has one period", "Its sound has one direction", "Use sound_velocities")
@@ -92,8 +84,7 @@ def plot_slowness(state: Any, ax: Axes, *, plane: ArrayLike | None = None, color
     try:
         first, second = (one_direction(way, 3) for way in np.asarray(_CUTS[0] if plane is None else plane, dtype=np.float64))
     except (TypeError, ValueError) as error:
-        what = "plane is not two directions in space"
-        raise InputError(what, str(error), "Give ((1, 0, 0), (0, 1, 0))") from None
+        raise InputError("plane is not two directions in space", str(error), "Give ((1, 0, 0), (0, 1, 0))") from None
     second = second - (first @ second) * first
     if np.linalg.norm(second) < 1e-9:
         raise InputError("the two directions of plane are parallel", mend="Give ((1, 0, 0), (0, 1, 0))")

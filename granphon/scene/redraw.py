@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from granphon.base.errors import InputError, MissingFileError
 from granphon.base.staging import ResultFiles, read_written_files
 from granphon.base.text import read_bytes, read_yaml
-from granphon.scene.run import KEPT, MOTION_FILES, SWEEP_FIGURES, draw_sweep, read_summary
+from granphon.scene.scene import KEPT, MOTION_FILES, SWEEP_FIGURES, draw_sweep, read_summary
 from granphon.waves.settings import NETWORK_BLOCKS
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def redraw(
     if stem in {*kept_in, *_OF_SWEEPS} - there:
         raise InputError(f"{source} holds no {stem} to draw", mend="Give the figure another name")
     # the one that the file's name says; without bands and the like, the first
-    alone = waves in (["surface"], ["motion"]) and set(have) == {"sweep.nc"} and out is None and variable is None
+    alone = waves in (["surface"], ["motion"]) and set(have) == {"sweep.nc"} and stem != "sweep" and variable is None
     wave = next((name for name in waves if name == stem), next(iter(waves), None) if alone or not have else None)
     if not (have or waves):
         what = f"{source} holds no result that can be drawn"
@@ -101,7 +101,9 @@ def redraw(
 
         found = _read_files(str(source), have)
         if found.dataset is not None:
-            return draw_sweep(found.dataset, target.name, variable)
+            scene = source / "scene.yaml"
+            seen = read_yaml(scene).get("observe", ()) if scene.is_file() else ()
+            return draw_sweep(found.dataset, target.name, variable, seen)
         lattice = _find_lattice(source) if asymptotes and found.bands is not None else None
         gaps = read_summary(source).get("gaps") if (source / "summary.yaml").is_file() else None
         return bands_figure(found.bands, found.dos, asymptotes=lattice, gaps=gaps or None)
@@ -177,9 +179,6 @@ def _draw(
         with locked.staging() as place:
             save_figure(figure, place / target.name, backend=backend)
     return target
-
-
-# -- reading --------------------------------------------------------------------------------------------------------
 
 
 def read_run(source: str | os.PathLike[str]) -> Run:

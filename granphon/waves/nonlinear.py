@@ -135,6 +135,7 @@ class NonlinearWaves:
             if given.shape not in ((network.dimension,), (3,)) or not np.all(np.isfinite(given)):
                 raise InputError(f"gravity is {brief(gravity)}", mend=f"Give {network.dimension} finite numbers, m/s2")
             field[: len(given)] = given
+            require_moves("gravity", field, network)
         self.gravity: Array = field
 
     def __repr__(self) -> str:
@@ -397,6 +398,8 @@ class _System:
         columns = operator.motions.turning if turns else operator.motions.translating
         if values.shape[1] <= max(axes, default=0):
             raise InputError(f"{name} has the shape {values.shape}", mend=f"Give ({network.n_balls}, 3)")
+        values = np.pad(values, ((0, 0), (0, 3 - values.shape[1])))
+        require_moves(name, values, network, turns)
         if np.any(fast := np.any(values, axis=1) & ~network.moving):
             what = f"{name} of ball {np.flatnonzero(fast)[0]} are not zero"
             raise InputError(what, "It is held, or is displaced by a drive, whatever acts on it", "Let them be zero")

@@ -364,16 +364,14 @@ class ArrayOperator(WaveOperator):
         """4 D / top^2."""
         return self._make_product(np.ones((len(self.rows), self.network.n_contacts)))
 
-    def _make_product(self, weights: Array) -> ContactHessian:
-        """Return 4 A^T W A / top^2, W being ``weights`` (rows, n_c).
+    def _make_product(self, weights: NDArray[Any]) -> ContactHessian:
+        """Return 4 A^T W A / top^2, W being ``weights`` (rows, n_c), real or complex.
 
         Its springs are those of the contacts that there are, at the cells of their balls i.
         """
         table, m, kinds, scale = self.lattice.contacts, self.motions.count, self._kinds, float(self.network.masses[0])
-        ends, springs = (
-            np.zeros((2, len(self.rows), len(table), self._fields)),
-            np.zeros((len(self.rows), len(table), *self.cells)),
-        )
+        ends = np.zeros((2, len(self.rows), len(table), self._fields))
+        springs = np.zeros((len(self.rows), len(table), *self.cells), weights.dtype)
         cells = self.network.i // self.lattice.n_balls
         for kind, (i, j) in enumerate(zip(table.i.tolist(), table.j.tolist(), strict=True)):
             own = np.flatnonzero(kinds == kind)
@@ -384,7 +382,7 @@ class ArrayOperator(WaveOperator):
                 springs[place, kind].reshape(-1)[cells[own]] = 4.0 / self.top**2 / scale * stiffness
         shifts = [tuple(steps) for steps in table.shift.tolist()]
         operator = ContactOperator(self.cells, shifts, *ends.reshape(2, -1, self._fields))
-        return ContactHessian(operator, list(springs), precision=np.float64)
+        return ContactHessian(operator, list(springs), precision=weights.dtype)
 
     def advance(self, current: Array, previous: Array) -> Array:
         """Return the next Chebyshev polynomial, see :meth:`WaveOperator.advance`."""
@@ -403,14 +401,5 @@ class ArrayOperator(WaveOperator):
 
     def make_lossy_product(self, losses: Array) -> Callable[[Complex], Complex]:
         """Return the product of D + i A^T eta A, see :meth:`WaveOperator.make_lossy_product`."""
-        lossy, scale = self._make_product(weigh_rows(self.rows, losses)), 0.25 * self.top**2
-
-        def apply(x: Complex) -> Complex:
-            parts = [np.ascontiguousarray(part).reshape(self._fields, *self.cells) for part in (x.real, x.imag)]
-            (real, imaginary), (lost, led) = ([one(part)[0].ravel() for part in parts] for one in (self._product, lossy))
-            out = np.empty(self.size, complex)
-            np.subtract(real, led, out=out.real)
-            np.add(imaginary, lost, out=out.imag)
-            return np.multiply(out, scale, out=out)
-
-        return apply
+        product = self._make_product(0.25 * self.top**2 * (1.0 + 1j * weigh_rows(self.rows, losses)))
+        return lambda x: np.asarray(product(x.reshape(self._fields, *self.cells))[0].ravel())

@@ -113,6 +113,9 @@ class Course:
     @classmethod
     def along(cls, network: ContactNetwork, direction: Array) -> Self:
         """Follow ``direction`` (3,), a unit vector, through the network from its first plane on."""
+        if np.any(np.abs(direction[network.dimension :]) > _FLAT):
+            mend = f"Give {network.dimension} numbers"
+            raise InputError("the direction leaves the line or the plane in which the balls lie", mend=mend)
         periods = network.cell[list(network.pbc)]
         sizes = np.linalg.norm(periods, axis=1)
         heights = np.abs(periods @ direction)
@@ -877,12 +880,17 @@ def read_vector(name: str, given: Any, dimension: int) -> Array:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-def require_moves(name: str, along: Array, network: ContactNetwork) -> None:
-    """Raise InputError unless the balls of a network move along a unit vector (3,)."""
-    axes = list(network.ball_motions.translations)
-    if abs(np.linalg.norm(along[axes]) - 1.0) > 1e-9:
-        moves, shown = " and ".join("xyz"[axis] for axis in axes), ", ".join(f"{x:.6g}" for x in along)
-        raise InputError(f"the {name} is along ({shown})", f"Balls move along {moves} only")
+def require_moves(name: str, along: Array, network: ContactNetwork, turns: bool = False) -> None:
+    """Raise InputError unless the balls of a network move along a vector (3,), or each along its own (n, 3); or turn so."""
+    motions, rows = network.ball_motions, np.atleast_2d(along)
+    axes = motions.rotations if turns else motions.translations
+    stray = np.abs(np.delete(rows, list(axes), axis=1)).max(axis=1, initial=0.0)
+    if stray.max(initial=0.0) > 1e-9 * np.abs(rows).max(initial=0.0):
+        ball, (verb, how) = int(np.argmax(stray)), ("turn", "about") if turns else ("move", "along")
+        shown = ", ".join(f"{x:.6g}" for x in rows[ball])
+        what = f"the {name} is {how} ({shown})" if along.ndim == 1 else f"{name} of ball {ball} are ({shown})"
+        allowed = f"{verb} {how} {' and '.join('xyz'[axis] for axis in axes)} only" if axes else f"do not {verb}"
+        raise InputError(what, f"Balls {allowed}")
 
 
 def read_balls(name: str, given: Any, network: ContactNetwork) -> Index:
@@ -916,10 +924,7 @@ def read_push(network: ContactNetwork, along: Array, given: Any) -> Array:
     else:
         known = "longitudinal, transverse, out_of_plane, or a vector"
         raise InputError(f"polarisation is {brief(given)}", mend=f"Use {known}")
-    if abs(np.linalg.norm(push[axes]) - 1.0) > 1e-9:
-        shown = ", ".join(f"{one:.6g}" for one in push)
-        moves = " and ".join("xyz"[axis] for axis in axes)
-        raise InputError(f"balls are pushed along ({shown}), and they move along {moves} only")
+    require_moves("push", push, network)
     return push
 
 
