@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import granphon as gp
-from granphon.balls.contact_laws import FORCE
+from granphon.balls.hertz import FORCE
 from granphon.balls.lattices import SQUARE, TRIANGULAR
 from granphon.base.errors import PrecisionError
 from granphon.dynamics.contact_lattice import ContactLattice

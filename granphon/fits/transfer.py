@@ -13,7 +13,6 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -23,11 +22,11 @@ from granphon.balls import hertz
 from granphon.base.errors import InputError
 from granphon.base.quantities import FREQUENCY, Quantity
 from granphon.base.results import Result
-from granphon.base.staging import write_text
-from granphon.base.tables import Table, table_text
-from granphon.base.text import closest, dump_yaml, versions
+from granphon.base.tables import Table
+from granphon.base.text import suggest
 from granphon.base.validation import finite_list, texts
 from granphon.fits.fit import LARGE_ERROR, SAME_EFFECT, Fitted, WidthFit, judge_residuals
+from granphon.fits.velocity_model import require_fitted
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.waves.response import QUANTITIES
 from granphon.waves.waves import Waves
@@ -111,9 +110,8 @@ class TransferFunction(Result):
         """
         table, named = Table.read(path), dict(columns or {})
         if unknown := [name for name in named if name not in _COLUMNS]:
-            meant = closest(unknown[0], _COLUMNS)
             what = f"{unknown[0]!r} is not a kind of column of a transfer function"
-            raise InputError(what, mend=f"Did you mean {meant}" if meant else "Use " + ", ".join(_COLUMNS))
+            raise InputError(what, mend=suggest(unknown[0], _COLUMNS))
         heads = {kind: named.get(kind, kind) for kind in _COLUMNS}
         for kind in _COLUMNS[:2]:
             if heads[kind] not in table:
@@ -204,7 +202,7 @@ class _Model:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DampingFit(Fitted, Result):
+class DampingFit(Fitted):
     """Parameters of a network whose response fits a measured transfer function, and how well they are known.
 
     Attributes
@@ -228,6 +226,7 @@ class DampingFit(Fitted, Result):
         "phase": "n",
     }  # fmt: skip
     _notebook_fields = ("stderrs",)
+    _units_of_parameters = PARAMETERS
 
     parameters: tuple[str, ...]
     values: Array
@@ -244,22 +243,9 @@ class DampingFit(Fitted, Result):
     warnings: tuple[str, ...]
 
     def _field_units(self) -> dict[str, str]:
-        each = [PARAMETERS[name] for name in self.parameters]
-        rows = (", ".join(f"{a}^2" if a == b else f"{a} {b}" for b in each) for a in each)
-        unit = QUANTITIES[self.quantity]
-        return super()._field_units() | {"values": ", ".join(each), "covariance": "; ".join(rows), "magnitude": unit}
+        return super()._field_units() | {"magnitude": QUANTITIES[self.quantity]}
 
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Build a fit from plain data, SI; the keys that stand in fit.yaml before the fields are ignored."""
-        mapping = isinstance(data, Mapping)
-        return super().from_dict({n: v for n, v in data.items() if n not in ("versions", "p")} if mapping else data)
-
-    def write(self, folder: str | os.PathLike[str]) -> None:
-        """Write fit.yaml, the whole fit, and fit.csv, the data with the fit, into a folder, which is made if need be."""
-        write_text(
-            Path(folder) / "fit.yaml", dump_yaml({"versions": versions("numpy", "scipy"), "p": self.p, **self.to_dict()})
-        )
+    def _list_columns(self) -> dict[str, Any]:
         data, unit = self.measured, QUANTITIES[self.quantity]
         columns: dict[str, Any] = {
             "frequency (Hz)": data.frequencies, f"magnitude ({unit})": data.magnitude, f"sigma ({unit})": data.sigma,
@@ -267,7 +253,7 @@ class DampingFit(Fitted, Result):
         }  # fmt: skip
         if data.phase is not None:
             columns |= {"phase (rad)": data.phase, "phase_sigma (rad)": data.phase_sigma}
-        write_text(Path(folder) / "fit.csv", table_text(columns, np.stack(list(columns.values()), axis=1).tolist()))
+        return columns
 
 
 def read_fit(data: Any) -> WidthFit | DampingFit:
@@ -307,14 +293,7 @@ def fit_damping(
     if not isinstance(measured, TransferFunction):
         raise InputError("the data are no transfer function", mend="Give a gp.TransferFunction(frequencies, magnitude)")
     names = texts("parameters", parameters)
-    for name in names:
-        if name not in PARAMETERS:
-            meant = closest(name, PARAMETERS)
-            raise InputError(
-                f"{name!r} cannot be fitted", mend=f"Did you mean {meant}" if meant else "Use " + ", ".join(PARAMETERS)
-            )
-    if not names or len(set(names)) < len(names):
-        raise InputError(f"the parameters are {names}", mend="Give one or more, each at most once")
+    require_fitted(names, PARAMETERS)
     pairs = [one if isinstance(one, tuple) else (one, one) for one in (damping, loss_factor)]
     places = {
         "source": source, "receiver": receiver, "quantity": quantity, "direction": direction, "polarisation": polarisation,
@@ -370,17 +349,9 @@ def fit_damping(
         key=lambda one: one[0],
     )
     low = np.where(is_loss, 0.0, 1e-3)
+    limits = (low, np.full(low.shape, np.inf))
     fits = [
-        least_squares(
-            compare,
-            at,
-            "3-point",
-            (low, np.full(low.shape, np.inf)),
-            x_scale=np.maximum(at, 1e-3),
-            ftol=1e-13,
-            xtol=1e-13,
-            gtol=1e-13,
-        )
+        least_squares(compare, at, "3-point", limits, x_scale=np.maximum(at, 1e-3), ftol=1e-13, xtol=1e-13, gtol=1e-13)
         for _, at in tried[: _FOLLOWED if several else 1]
     ]
     best = min(fits, key=lambda one: float(one.cost))

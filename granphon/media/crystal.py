@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 
 from granphon.array.sparse_matrices import compose
 from granphon.balls.ball import BALL_LIMITS, RIGID_PLANE, Ball, Body, ContactConstants
-from granphon.balls.contact_laws import DMT, JKR, Hertz, PairLaw, PowerLaw, TabulatedLaw, check_law, find_law, law_between
+from granphon.balls.contact_laws import DMT, JKR, Hertz, PairLaw, PowerLaw, TabulatedLaw, check_law, law_of_pair, read_laws
 from granphon.balls.contact_table import TOUCH, ContactTable, find_contacts, repeat_contacts, require_joined
 from granphon.balls.lattices import LATTICES, Lattice, find_structure
 from granphon.balls.layers import Layers, find_faces, read_edges
@@ -177,7 +177,7 @@ class Crystal(Result):
         read = read_rolling(f"the crystal {name!r}", d, motions, torsion, bending)
         self._set(
             kinds=kinds, names=name_kinds(kinds), kind=kind, cell=vectors, positions=places, contacts=contacts,
-            law=_read_law(law), friction=require("friction", truth, friction), motions=motions,
+            law=read_laws(law), friction=require("friction", truth, friction), motions=motions,
             torsion=read[0], bending=read[1], name=name, faces=(), deviations=None,
         )  # fmt: skip
 
@@ -578,7 +578,7 @@ class Crystal(Result):
         laws: list[PairLaw] = []
         checked: set[int] = set()
         for ball, other, one, two in pairs:
-            found = self._find_law(ball, other, one, two)
+            found = law_of_pair(self.law, ball, other, one, two)
             if id(found) not in checked:
                 check_law(found, ContactConstants.of(ball, other).radius)
                 checked.add(id(found))
@@ -587,23 +587,11 @@ class Crystal(Result):
         split = np.split(order, np.searchsorted(number[order], np.arange(1, len(pairs))))[: len(pairs)]
         return Springs([(law, at) for law, at in zip(laws, split, strict=True)], len(number))
 
-    def _find_law(self, ball: Body, other: Body, one: str, two: str) -> PairLaw:
-        """Return the law of two bodies with names. A law may also name kinds that are not there: a defect may bring one."""
-        law: Any = self.law
-        if isinstance(self.law, tuple):
-            laws_of = {frozenset(pair): law for pair, law in self.law}
-            if (law := laws_of.get(frozenset((one, two)))) is None:
-                missing = [f"({a!r}, {b!r})" for _, _, a, b in self._pairs[0] if frozenset((a, b)) not in laws_of]
-                what = f"law has none for contacts of {', '.join(missing) or f'({one!r}, {two!r})'}"
-                why = f"It has {brief([tuple(pair) for pair, _ in self.law])}"
-                raise InputError(what, why, "Give one for each pair of kinds that touch")
-        return law_between(law, ball, other)
-
     def law_of(self, i: int, j: int) -> PairLaw:
         """Return the law of balls i and j; numbers from that of the balls on are floors."""
         names, bodies = (*self.names, RIGID_PLANE.name), list[Body]([*self.kinds, RIGID_PLANE])
         one, two = (int(self.kind[at]) if at < self.n_balls else -1 for at in (i, j))
-        return self._find_law(bodies[one], bodies[two], names[one], names[two])
+        return law_of_pair(self.law, bodies[one], bodies[two], names[one], names[two])
 
     def touch(self) -> CrystalState:
         """Return the crystal as its balls touch, without load; stiffnesses are those at overlaps of 1e-6 of distances."""
@@ -1305,16 +1293,3 @@ def _in_double_precision(values: Array) -> Iterator[None]:
     except FloatingPointError:
         what = f"a crystal under a load of {brief(values.tolist())} is beyond double precision"
         raise InputError(what, mend="Lower the load, or compare the units") from None
-
-
-def _read_law(law: Any) -> Any:
-    """Return the law of all contacts, or a tuple of pairs of names of kinds, each with its law."""
-    if not isinstance(law, Mapping):
-        return Hertz() if law is None else find_law(law)
-    for key in law:
-        if not (isinstance(key, tuple) and len(key) == 2 and all(isinstance(one, str) for one in key)):
-            mend = 'Give a law itself, or one for each pair of names, as ("A", "B")'
-            raise InputError(f"law has the key {brief(key)}", mend=mend)
-        if key[::-1] in law and law[key] != law[key[::-1]]:
-            raise InputError(f"law has two laws for contacts of {key}", mend="Give one, in either order")
-    return tuple((pair, find_law(one)) for pair, one in law.items())

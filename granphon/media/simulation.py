@@ -23,9 +23,8 @@ from granphon.array.geometry import ReducedLoad, require_small
 from granphon.array.pressed_sample import PressedSample
 from granphon.array.sample import STEP, Sample, jackknife, standard_error
 from granphon.array.stencils import Stencils
-from granphon.balls.contact_laws import EnergyLaw
 from granphon.balls.diameters import Measured
-from granphon.balls.hertz import HertzLaw
+from granphon.balls.hertz import EnergyLaw, HertzLaw
 from granphon.balls.lattices import Lattice, as_direction
 from granphon.balls.loads import Load
 from granphon.balls.motions import Motions, allowed_motions

@@ -70,12 +70,10 @@ class Field(NamedTuple):
 
 
 def _load(kind: str, words: str) -> Field:
-    """Return the field of a kind of load."""
     return Field(f"load.{kind}", "load", rules.load_kind(kind), words, "one load is required")
 
 
 def _wave(key: str, words: str, default: str, kind: Kind | None = None) -> Field:
-    """Return a field of the blocks about waves in a simulated array, at an edge, or in a network."""
     name, own = key.split(".")
     place = f"waves.{key}" if name == "spectrum" else key  # a spectrum that is not observed is not written
     return Field(key, place, kind or Kind.plain(wave_rules(name)[own], partial(write_setting, own)), words, default)
@@ -93,7 +91,6 @@ def _network(name: str) -> tuple[Field, Field]:
 
 
 def _part(name: str, words: str, default: str = "", place: str = "", kind: Kind | None = None) -> Field:
-    """Return a field of the material or of the packing."""
     block = "material" if name in ("young_modulus", "poisson_ratio", "density", "yield_strength") else "packing"
     own = name if block == "packing" else f"material.{name}"
     return Field(f"{block}.{name}", place or f"packing.{own}", kind or PARTS[name], words, default)
@@ -405,7 +402,6 @@ def _read_crystal_scene(document: Document, folder: Path) -> dict[str, Any]:
 
 
 def _read_block(name: str, value: Any, at: Context) -> Any:
-    """Read a block, or the value of a key at the top level."""
     fields = _BLOCKS[name]
     if "" in fields:
         return fields[""].kind.read(value, at)
@@ -503,7 +499,8 @@ class SceneSource:
         spreads = [data.get("packing", {}).get("spread"), *data.get("sweep", {}).get("spread", [])]
         own = () if self.path is None else (self.path,)
         names = [name for spread in spreads if (name := table_named(spread)) is not None]
-        return (*own, *(self.folder / name for name in (*names, *named_tables(data.get("motion", {}).get("drive", [])))))
+        names += named_tables(data["motion"].get("drive", [])) if "motion" in data else []
+        return (*own, *(self.folder / name for name in names))
 
     # -- places in the file ---------------------------------------------------------------------------------------------
 

@@ -33,6 +33,7 @@ from granphon.media.choice import MEDIA, MediumChoice, ServingMedium, default_me
 from granphon.media.cost import Cost
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
+from granphon.observables.validity import expect_warnings
 from granphon.phonons.paths import MESHES, BandPath, read_paths
 from granphon.runs.tasks import Asked, Case, Grid, require_arrays
 from granphon.scene import rules
@@ -311,15 +312,13 @@ class Plan:
         try:
             yield
         except GranphonError as error:
-            if error.option is not None:
-                with self.origin.at("medium"):
-                    raise
-            if error.block is not None:
-                with self.origin.at(*error.block):
-                    raise
-            if error.load_index is None:
+            if error.option is not None or error.block is not None:
+                place: AbstractContextManager[None] = self.origin.at("medium")  # unless it knows better
+            elif error.load_index is None:
                 raise
-            with self.origin.at_index("load", self.load.kind, error.load_index):
+            else:
+                place = self.origin.at_index("load", self.load.kind, error.load_index)
+            with place:
                 raise
 
     @property
@@ -419,9 +418,8 @@ class Plan:
                     try:
                         medium.require_sound()
                     except MechanismError as error:
-                        mend = (
-                            "It has bands and a density of states: observe them without velocities, as observe: [bands, dos]"
-                        )
+                        bands = "It has bands and a density of states"
+                        mend = f"{bands}: observe them without velocities, as observe: [bands, dos]"
                         if self.parameters_of_branches:
                             mend = "In a scene of its own it has bands and a density of states: observe: [bands, dos]"
                         elif not self.is_single:
@@ -448,8 +446,10 @@ class Plan:
         wanted = self.waves
         if wanted is None or (wanted.spectrum is None and wanted.pulse is None and not wanted.of_networks):
             return
-        from granphon.runs.network_records import require_network  # imported here: not all scenes need it
-        from granphon.runs.wave_records import require_waves
+        from granphon.runs.wave_records import (
+            require_network,  # imported here: not all scenes need it
+            require_waves,
+        )
 
         for one in self.few:
             for block in wanted.of_networks:
@@ -497,8 +497,7 @@ class Plan:
         grid, left = self.case_grid, []
         if many := self.n_cases > MOST_CASES or self.n_states > MOST_STATES:
             ends = tuple(dict.fromkeys((min(self.load.values), max(self.load.values))))
-            load = replace(self.load, array=ends).applied.flat
-            grid = replace(grid, axes=[axis.ends for axis in self.axes], load=load)
+            grid = replace(grid, axes=[one.ends for one in self.axes], load=replace(self.load, array=ends).applied.flat)
             left.append(f"all but the ends of {self.n_states:,} states")
         cases = self._place(grid) if many else self.cases
         slow = {serving.medium.name for one in cases for serving in one.serving_media if not serving.is_quick}
@@ -507,8 +506,6 @@ class Plan:
 
     def expect_warnings(self) -> list[tuple[str, str]]:
         """Return what is known of simulations before they are run: the label of each medium, and a warning."""
-        from granphon.observables.validity import expect_warnings  # imported here: a run finds the warnings of its states
-
         return [
             (one.case.label, warning)
             for one in self.few
@@ -566,20 +563,13 @@ class Plan:
                 return max(found, key=size).times(len(found) * self.n_cases / n_few)
             return sum(found, Cost())
 
-        exponents = "velocities" in self.observe
-        simulated = [costs.estimate(medium, load, exponents=exponents) for medium, load in arrays]
+        simulated = [costs.estimate(medium, load, exponents="velocities" in self.observe) for medium, load in arrays]
         # cluster media are solved once for each distribution, lattice and Mindlin ratio
         laws = {law for one in self.few if (law := one.case.medium.of(one.case.packing).long_law) is not None}
         count = len(laws) if len(laws) < 2 else round(len(laws) * self.n_cases / n_few)
         clusters = costs.cluster_media(count, sum(law.balls for law in laws) / len(laws)) if count else Cost()
-        out: list[CostPart] = [
-            (
-                ("medium",),
-                "Take fewer balls (medium.simulation.shape), samples or loads",
-                add_up(simulated, lambda one: one.work),
-            ),
-            (("medium",), "Take the effective medium", clusters),
-        ]
+        mend, work = "Take fewer balls (medium.simulation.shape), samples or loads", add_up(simulated, lambda one: one.work)
+        out: list[CostPart] = [(("medium",), mend, work), (("medium",), "Take the effective medium", clusters)]
         total = Cost()
         if (wanted := self.waves) is not None:
             each = [cost for medium, load in arrays for cost in _estimate_waves(medium, load, wanted)]
@@ -701,8 +691,10 @@ def _estimate_waves(medium: DirectSimulation, load: Load, wanted: WaveSettings) 
 
 def _estimate_motion(serving: ServingMedium, wanted: MotionSettings) -> Cost | None:
     """Estimate memory and time of the motions of a medium at all its loads; None if no state of it is quickly found."""
-    from granphon.runs.motion_records import make_waves  # imported here: other scenes do not need it
-    from granphon.runs.network_records import find_typical_state
+    from granphon.runs.wave_records import (
+        find_typical_state,
+        make_waves,  # imported here: other scenes do not need it
+    )
     from granphon.waves.operator import WaveOperator
 
     if (state := find_typical_state(serving)) is None:

@@ -19,8 +19,8 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 import granphon as gp
-from granphon.balls.contact_laws import ENERGY, FORCE, SLOPE, STIFFNESS
 from granphon.balls.distributions import NormalShape, UniformShape
+from granphon.balls.hertz import ENERGY, FORCE, SLOPE, STIFFNESS
 from granphon.base.errors import PrecisionError
 from granphon.dynamics.local_field import local_field
 from granphon.laws import effective
