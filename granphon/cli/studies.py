@@ -101,10 +101,8 @@ def fit_measurements(
     files = None if out is None else ResultFiles(out, FIT_FILES, force, inputs=(*read.origin.inputs, data))
     if files is not None:
         files.require_free()
-    given, columns = (
-        tuple(parameter or ()),
-        {kind.strip(): name for kind, _, name in (one.partition("=") for one in column or ())},
-    )
+    given = tuple(parameter or ())
+    columns = {kind.strip(): name for kind, _, name in (one.partition("=") for one in column or ())}
     if twice := [name for name in dict.fromkeys(given) if given.count(name) > 1]:
         raise InputError(f"--parameter {twice[0]} is given {given.count(twice[0])} times", mend="Give it once")
     table = Table.read(data)

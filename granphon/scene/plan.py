@@ -102,8 +102,7 @@ class PlannedCase:
         Quantities of a state have the shape (n,) for the n loads that the medium serves, or () if the case has one load.
         """
         for serving in filter(wanted, self.serving_media):
-            label = f"{self.case.label}: {serving.medium.label}" if serving.chosen_automatically else self.case.label
-            yield label, self.state if self.case.load.size == 1 else self._solve(serving, serving.load)
+            yield self.case.name(serving), self.state if self.case.load.size == 1 else self._solve(serving, serving.load)
 
     @cached_property
     def is_possible(self) -> bool:
