@@ -98,10 +98,15 @@ class Registry(Mapping[str, T]):
 
 
 def _is_again(first: Any, second: Any) -> bool:
-    """Whether two things are equal, or a function or class and what was defined later under its name in its module."""
-    names = [(getattr(one, "__module__", None), getattr(one, "__qualname__", "<none>")) for one in (first, second)]
-    if first is second or (names[0] == names[1] and "<" not in names[0][1]):
-        return True
+    """Whether two things are equal, or a function or class and the same that was defined later in its module.
+
+    It has the same name there or, if it has none of its own, as a lambda has not, the same code without a closure.
+    """
+    names = [(getattr(one, "__module__", None), getattr(one, "__qualname__", "")) for one in (first, second)]
+    if first is not second and names[0] == names[1] and names[0][1]:
+        codes = [getattr(one, "__code__", None) for one in (first, second)]
+        texts = [(one.co_code, one.co_consts, one.co_names) for one in codes if one and not one.co_freevars]
+        return "<" not in names[0][1] or (len(texts) == 2 and texts[0] == texts[1])
     try:
         return bool(first == second)
     except ValueError:  # of objects that hold arrays
