@@ -177,7 +177,6 @@ def animate_mode(
 def _find_motion(
     phonons: Phonons, q: ArrayLike, branch: int, cells: tuple[int, ...] | None, direction: ArrayLike | None
 ) -> _Motion:
-    """Find the motion of the balls that are drawn in the mode of ``branch`` at ``q``."""
     modes = phonons.modes([real_array("q", q)], direction)
     count = modes.frequencies.shape[1]
     if not 0 <= branch < count:
@@ -213,7 +212,6 @@ def _find_motion(
 
 
 def _find_network_motion(modes: NetworkModes, mode: int) -> _Motion:
-    """Find the motion of the balls that are drawn in a mode of a network."""
     network, count = modes.network, len(modes.frequencies)
     mode, moving, d = whole_number("mode", mode, 0, count - 1), network.ball_motions, network.scales.length
     vectors = modes.vectors[mode]
@@ -276,10 +274,7 @@ def _place_balls(lattice: ContactLattice, cells: tuple[int, ...] | None) -> tupl
 
 
 def _draw_plane(ax: Axes, motion: _Motion, shift: Array, angles: Array) -> None:
-    """Draw discs with their displacements (m, 2) and angles (m,).
-
-    For each ball that turns: the sector from the upright to its mark, its arc with an arrowhead, and the marked diameter.
-    """
+    """Draw discs with displacements (m, 2) and angles (m,), each with its sector, its arc with a head, a marked diameter."""
     centres, radii = motion.places[:, :2], motion.radii
     balls = [Circle((x, y), r) for (x, y), r in zip(centres, radii, strict=True)]
     ax.add_collection(
@@ -288,8 +283,7 @@ def _draw_plane(ax: Axes, motion: _Motion, shift: Array, angles: Array) -> None:
     if motion.rotate:
 
         def at(distance: Array, angle: Array) -> Array:
-            arms = distance[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-            return np.asarray(centres[:, None] + arms)
+            return np.asarray(centres[:, None] + distance[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
 
         ways = [VERMILION if angle >= 0.0 else BLUE for angle in angles]  # anticlockwise, clockwise
         rim, end = 0.72 * radii, _MARK + angles[:, None]
@@ -347,8 +341,7 @@ def _draw_spheres(
             seen = np.flatnonzero(view.nearness(circle) >= 0.0)
             for part in np.split(seen, np.flatnonzero(np.diff(seen) > 1) + 1):
                 if len(part) > 1:
-                    nearness = float(view.nearness(centre))
-                    painter.add_line(centre + radius * circle[part], "0.3", 0.5, nearness=nearness)
+                    painter.add_line(centre + radius * circle[part], "0.3", 0.5, nearness=float(view.nearness(centre)))
         for arrow, colour in () if moved else ((u, "black"), (scale * phi, VERMILION)):
             length = float(np.linalg.norm(arrow))
             if length > _LEAST:
@@ -378,5 +371,4 @@ def _draw_spheres(
 
 def _find_amplitude(motion: NDArray[Any]) -> float:
     """Return the largest of the vectors (n, 3) in a period; on an elliptic path, the longer half axis."""
-    longest = np.sqrt(0.5 * (np.sum(np.abs(motion) ** 2, axis=1) + np.abs(np.sum(motion * motion, axis=1))))
-    return float(longest.max())
+    return float(np.sqrt(0.5 * (np.sum(np.abs(motion) ** 2, axis=1) + np.abs(np.sum(motion * motion, axis=1)))).max())

@@ -16,12 +16,13 @@ from granphon.base.errors import InputError, MechanismError
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.local_field import (
     LocalField,
-    _average_response,
-    _divide_by_symmetry,
+    _find_operations,
+    _make_response,
     compute_xi,
     local_field,
     paper_local_field,
 )
+from granphon.dynamics.zone_quadrature import divide_zone
 from tests.dynamics.test_local_field_space import Supercell
 
 ROOT3 = np.sqrt(3.0)
@@ -207,7 +208,8 @@ def test_quadrature_converges_geometrically(name, eta):
     medium = ContactLattice.of(name, eta)
 
     def respond(order):
-        return _average_response(medium, _divide_by_symmetry(medium, order))
+        zone = divide_zone(medium.reciprocal, order, _find_operations(medium))
+        return sum(weights @ _make_response(medium)(q) for q, weights in zone)
 
     exact = respond(24)
     errors = [np.max(np.abs(respond(order) - exact)) for order in (4, 6, 8, 10, 12)]

@@ -21,7 +21,7 @@ import granphon as gp
 from granphon.balls.loads import Load
 from granphon.base.errors import FileExistsInRunError, GranphonError, InputError
 from granphon.cli.commands import main
-from granphon.cli.wording import describe_tradeoff
+from granphon.cli.terminal import describe_tradeoff
 from granphon.figures.work_precision import tradeoff_figure
 from granphon.runs.store import encode, open_store
 from granphon.tradeoffs import measure as tradeoffs
