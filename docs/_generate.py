@@ -63,8 +63,7 @@ from granphon.runs.dataset import load_sweep
 from granphon.scene import rules
 from granphon.scene.file import FIELDS as SCENE_FIELDS
 from granphon.scene.rules import PARTS, Context
-from granphon.scene.run import RESULT_FILES
-from granphon.scene.scene import Scene
+from granphon.scene.scene import RESULT_FILES, Scene
 from granphon.tradeoffs.measure import TRADEOFF_FILES, TradeOff
 
 HERE = Path(__file__).parent

@@ -14,8 +14,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import granphon as gp
-from granphon.figures.responses import plot_response
 from granphon.figures.style import COLOURS, COLUMN_WIDTH, DPI, GUIDE, STYLE
+from granphon.figures.waves import plot_response
 
 STEEL = gp.Ball(gp.Material(193e9, 0.30, 8000.0), 19.05e-3, mass=28.84e-3, name="steel")
 ALUMINIUM = gp.Ball(gp.Material(73.5e9, 0.33, 2700.0), 19.05e-3, mass=9.75e-3, name="aluminium")

@@ -11,7 +11,7 @@ than a hundred times more accurate than the point itself.
 import sys
 
 import granphon as gp
-from granphon.cli.wording import describe_tradeoff
+from granphon.cli.terminal import describe_tradeoff
 from granphon.figures.work_precision import tradeoff_figure
 
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)

@@ -102,7 +102,7 @@ from .runs.dataset import load_sweep as load_sweep
 from .runs.store import Store as Store
 from .runs.sweep import sweep as sweep
 from .runs.wave_records import SampleWaves as SampleWaves
-from .scene.run import RunResult as RunResult
+from .scene.scene import RunResult as RunResult
 from .scene.scene import Scene as Scene
 from .tradeoffs.measure import MeasuredPoint as MeasuredPoint
 from .tradeoffs.measure import TradeOff as TradeOff

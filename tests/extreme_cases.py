@@ -712,7 +712,7 @@ CASES = [
     Case("effective medium, uniform: force by (36) of the stiffness",
          "W of 1e-16 and 0.3 d, a* from 0.345 to 1e8, η of 0 and 4/3", 1e-8, effective_medium),
     Case("effective medium, uniform: stiffness",
-         "the same, but not near a* = 1/2 and 1, where contacts open", 1e-8, effective_stiffness),
+         "the same, but not near a* = 1/2 and 1, where contacts open", 1e-8, effective_stiffness, slow=True),
     Case("effective medium, two kinds: force by (36) of the stiffness",
          "fractions from 1e-12 to 1 - 1e-9, deviations from 1e-6 to 0.2 d either way, η of 0 and 4/3",
          1e-8, uneven_mediums, slow=True),
@@ -722,7 +722,7 @@ CASES = [
          1e-14, high_pressure),
     Case("other balls, in reduced units: overlap, stiffness and velocities",
          "uniform, W of 1e-3 d, d from 1e-9 to 1e3 m, E from 1 to 1e13 Pa, f* from 0.01 to 1e3; media and 5 × 7 balls",
-         1e-10, other_units),
+         1e-10, other_units, slow=True),
     Case("equal balls as the limit of no width",
          "W of 0 (to the last bit) and from 1e-300 m to 1e-100 m; uniform, normal, one kind, two of one diameter",
          1e-14, no_width),
@@ -738,7 +738,7 @@ CASES = [
          "two kinds with 1e-9, 1e-3 and 0.01 of the second, tails of four kinds on either side; 31 × 29 balls, f* "
          "from 1e-3 to 1e3, η of 0, 0.84 and 4/3",
          1e-9, skewed_samples, slow=True),
-    Case("simulation: bulk modulus without friction", "the same cells, f* from 0.01 to 1e11", 1e-12, bulk_moduli),
+    Case("simulation: bulk modulus without friction", "the same cells, f* from 0.01 to 1e11", 1e-12, bulk_moduli, slow=True),
     Case("sweeps up, down, with repeated and shuffled loads", "all media, against each load alone", 1e-10, sweeps),
 ]  # fmt: skip
 

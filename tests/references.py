@@ -16,8 +16,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.contact_laws import STIFFNESS
 from granphon.balls.distributions import PointShape, Shape
+from granphon.balls.hertz import STIFFNESS
 from granphon.base.errors import PrecisionError
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.laws.spread import high_pressure_series

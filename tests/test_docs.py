@@ -434,14 +434,6 @@ def sections(text: str) -> dict[str, list[str]]:
     }
 
 
-DOCUMENTED = [
-    (f"{path.stem}.{getattr(node, 'name', '')}", ast.get_docstring(node))
-    for path in sorted(Path(gp.__file__).parent.rglob("*.py"))
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-    if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)) and "---" in (ast.get_docstring(node) or "")
-]
-
-
 def test_sections_of_docstrings_become_fields_whose_entries_are_all_there(monkeypatch):
     monkeypatch.syspath_prepend(DOCS)
     import _docstrings
@@ -449,8 +441,14 @@ def test_sections_of_docstrings_become_fields_whose_entries_are_all_there(monkey
     def role(error: str) -> str:
         return f":exc:`~granphon.base.errors.{error}`" if hasattr(errors, error) else f":exc:`{error}`"
 
-    assert len(DOCUMENTED) > 50
-    for name, text in DOCUMENTED:
+    documented = [
+        (f"{path.stem}.{getattr(node, 'name', '')}", ast.get_docstring(node))
+        for path in sorted(Path(gp.__file__).parent.rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)) and "---" in (ast.get_docstring(node) or "")
+    ]
+    assert len(documented) > 50
+    for name, text in documented:
         made = "\n".join(_docstrings.rendered(text.splitlines()))
         assert re.findall(r"^:(\w+):$", made, re.MULTILINE) == list(sections(text)), name
         assert not re.search(r"^-{3,}$|:raises", made, re.MULTILINE), name

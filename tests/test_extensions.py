@@ -128,6 +128,8 @@ def test_only_the_same_is_registered_twice():
     gp.register_law("mine", table)
     gp.register_observable("mine", "1", "one", first := lambda of: 1.0)
     gp.register_observable("mine", "1", "one", first)
+    for _ in range(2):
+        gp.register_observable("again", "1", "one", lambda of: np.ones_like(of.state.force))
     for register in (
         lambda: gp.register_reader("mine", lambda path: path),
         lambda: gp.register_law("mine", gp.TabulatedLaw([0.0, 1e-6, 2e-6, 3e-6], [0.0, 1.0, 3.0, 8.0])),

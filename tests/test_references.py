@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import granphon as gp
-from granphon.balls.contact_laws import FORCE
+from granphon.balls.hertz import FORCE
 from granphon.balls.lattices import SQUARE, TRIANGULAR
 from granphon.base.errors import PrecisionError
 from granphon.dynamics.contact_lattice import ContactLattice
@@ -109,8 +109,7 @@ def test_long_waves_are_those_of_debye(eta):
 
 
 @pytest.mark.claim("tradeoff-references")
-@pytest.mark.parametrize("friction", [False, True], ids=["smooth", "rough"])
-@pytest.mark.parametrize("finite_overlap", [False, True])
+@pytest.mark.parametrize(("friction", "finite_overlap"), [(False, True), (True, False)], ids=["smooth", "rough"])
 def test_against_tetrahedra(steel, friction, finite_overlap):
     medium = gp.AveragedLattice(gp.Packing(steel, 8e-3, friction=friction))
     state = medium.at_force(5e3 if finite_overlap else 18.446, finite_overlap=finite_overlap)

@@ -97,7 +97,16 @@ class _Clusters:
                     break
                 forces = self._find_forces(self._moved)
             if drop or not step:
-                self._find_places()
+                # where the stiffnesses of contacts, and those that hold balls, stand in the matrix of the clusters
+                p, count = self._moved.shape
+                a, b = self._i[None], self._j[None]
+                a, b = np.concatenate([a, b, a, b]), np.concatenate([a, b, b, a])
+                part, contact = np.nonzero(np.maximum(a, b) < count)
+                self._sign, self._contact, own = np.where(part < 2, 1.0, -1.0), contact, np.arange(p * count)
+                axes = np.arange(p)[:, None, None]
+                turned = (p * a[part, contact] + axes, p * b[part, contact] + axes.swapaxes(0, 1))
+                rows, columns = (np.broadcast_to(one, (p, p, len(part))) for one in turned)
+                self._places = tuple(np.append(one, own).astype(np.int32) for one in (rows, columns))
             self._move(forces[0], self._find_step(*forces, left, force), forces[1], tolerance * force)
         self._keep(np.zeros(self._clusters, bool))
         return self._balls
@@ -112,18 +121,6 @@ class _Clusters:
         self._normal, self._fixed = self._normal[:, contacts], self._fixed[:, contacts]
         self._means, self._of_contact = self._means[contacts], self._of_contact[contacts]
         self._moved, self._numbers, self._of_ball = self._moved[:, balls], self._numbers[balls], self._of_ball[balls]
-
-    def _find_places(self) -> None:
-        """Find where the stiffnesses of contacts, and those that hold balls, stand in the matrix of the clusters."""
-        p, count = self._moved.shape
-        a, b = self._i[None], self._j[None]
-        a, b = np.concatenate([a, b, a, b]), np.concatenate([a, b, b, a])
-        part, contact = np.nonzero(np.maximum(a, b) < count)
-        self._sign, self._contact, own = np.where(part < 2, 1.0, -1.0), contact, np.arange(p * count)
-        rows, columns = (p * one[part, contact] for one in (a, b))
-        axes = np.arange(p)[:, None, None]
-        rows, columns = (np.broadcast_to(one, (p, p, len(part))) for one in (rows + axes, columns + axes.swapaxes(0, 1)))
-        self._places = tuple(np.append(one, own).astype(np.int32) for one in (rows, columns))
 
     def _find_forces(self, moved: Array, some: Any = slice(None)) -> tuple[Array, Array, Array, Array]:
         """Return forces on balls, roots of overlaps, distances |w|, and directions n; see geometry.

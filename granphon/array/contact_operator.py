@@ -184,7 +184,7 @@ class ContactOperator:
     def deform(self, balls: Values) -> Values:
         """Return the deformations C u."""
         out = np.empty((self.n_rows, *self.shape), balls.dtype)
-        split = np.concatenate([self.head, self.tail]).astype(balls.dtype)
+        split = np.concatenate([self.head, self.tail]).astype(balls.real.dtype)
         for part in self.parts(balls.dtype):
             stretch(split, balls, part)
             out[:, part.layers] = part.space.contacts[part.inner]
@@ -200,7 +200,7 @@ class ContactOperator:
         Its columns are for contacts of which the ball is ball j, and then for those of which it is ball i.
         """
         precision = contacts[0].dtype
-        matrix, out = matrix.astype(precision), np.empty((len(matrix), *self.shape), precision)
+        matrix, out = matrix.astype(contacts[0].real.dtype), np.empty((len(matrix), *self.shape), precision)
         for part in self.parts(precision):
             space, at = part.space, 0
             for one in contacts:
@@ -231,7 +231,7 @@ class ContactHessian:
     stiffness : the diagonal of D, in parts (n, L1, ..., Lp) one after the other, (rows, L1, ..., Lp) in all.
     coupling : what else is in D: forces against the deformations ``a`` by a unit of the deformations ``b``, arrays
         (contacts, L1, ..., Lp) by (a, b), the numbers of two groups of rows.
-    precision : single or double.
+    precision : single or double; complex, of stiffnesses with losses and of complex motions.
     """
 
     def __init__(
@@ -242,8 +242,9 @@ class ContactHessian:
         precision: DTypeLike = np.float32,
     ) -> None:
         self._operator, self._precision = operator, np.dtype(precision)
-        self._split = np.concatenate([operator.head, operator.tail]).astype(precision)
-        self._join = np.concatenate([operator.head, -operator.tail]).T.astype(precision)
+        real = np.zeros(0, precision).real.dtype
+        self._split = np.concatenate([operator.head, operator.tail]).astype(real)
+        self._join = np.concatenate([operator.head, -operator.tail]).T.astype(real)
         coupling = coupling or {}
         tables = {id(one): one for one in coupling.values()}
         n, rows = operator.n_contacts, operator.n_rows
@@ -307,8 +308,11 @@ def stretch(split: Values, balls: Values, part: _Part) -> None:
 def multiply_columns(matrix: Values, columns: Values, out: Values) -> None:
     """Write the product of a small matrix with many columns, in parts for which BLAS takes one thread.
 
-    Its threads wait for each other, and their number changes the last digit.
+    Its threads wait for each other, and their number changes the last digit. A real matrix takes the two parts of complex
+    columns as columns of their own.
     """
+    if matrix.dtype != out.dtype:
+        columns, out = columns.view(matrix.dtype), out.view(matrix.dtype)
     step = max(1, _ONE_THREAD // matrix.size)
     if columns.shape[1] <= step:
         np.matmul(matrix, columns, out=out)

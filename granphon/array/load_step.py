@@ -344,7 +344,17 @@ class LoadStep:
         ends_before = Contacts(before.overlaps[at], before.slips[0][at][None], before.shears[0][at][None])
         held = after.overlaps if guess is None else guess
         bent, springs, limits = self._law.bend(ends_before, held[at], after.slips[0][at][None])
-        turn = _unwind(bent[0], springs * arms, limits, arms)
+        # the angles at which the torques, which rise with the angle, vanish: between two of those where contacts slide
+        pull = springs * arms
+        safe = np.where(pull == 0.0, 1.0, pull)
+        corners = [np.where(pull == 0.0, 0.0, (side * limits - bent[0]) / safe) for side in (-1.0, 1.0)]
+        angles = np.sort(np.concatenate(corners), axis=0)
+        sums = np.sum(arms * np.clip(bent[0] + pull * angles[:, None], -limits, limits), axis=1)
+        last = np.clip(np.sum(sums <= 0.0, axis=0), 1, len(angles) - 1)
+        (low, high), (less, more) = (np.take_along_axis(one, np.stack([last - 1, last]), 0) for one in (angles, sums))
+        crosses = (less <= 0.0) & (more >= 0.0) & (more > less)
+        part = np.divide(-less, more - less, out=np.zeros_like(less), where=crosses)
+        turn = np.where(crosses, low + part * (high - low), 0.0)
         # balls that touch would each undo what the other's turn has brought: of those the one with the greatest torque turns
         torques = np.abs(np.sum(arms * np.clip(bent[0], -limits, limits), axis=0))
         numbers = np.ravel_multi_index(at, (stencils.n_contacts, *stencils.shape))
@@ -360,20 +370,6 @@ class LoadStep:
 def is_balanced(trial: Trial) -> bool:
     """Return whether all balls are in balance, and the load is met."""
     return trial.left <= BALANCE_TOLERANCE and trial.missed <= LOAD_TOLERANCE
-
-
-def _unwind(bent: Array, springs: Array, limits: Array, arms: Array) -> Array:
-    """Return the angles at which sums over the first axis of ``arms`` times clipped ``bent + springs angle`` vanish."""
-    safe = np.where(springs == 0.0, 1.0, springs)
-    corners = [np.where(springs == 0.0, 0.0, (side * limits - bent) / safe) for side in (-1.0, 1.0)]
-    angles = np.sort(np.concatenate(corners), axis=0)
-    forces = np.clip(bent + springs * angles[:, None], -limits, limits)
-    torques = np.sum(arms * forces, axis=1)  # rising with the angle
-    last = np.clip(np.sum(torques <= 0.0, axis=0), 1, len(angles) - 1)
-    (low, high), (less, more) = (np.take_along_axis(one, np.stack([last - 1, last]), 0) for one in (angles, torques))
-    crosses = (less <= 0.0) & (more >= 0.0) & (more > less)
-    part = np.divide(-less, more - less, out=np.zeros_like(less), where=crosses)
-    return np.where(crosses, low + part * (high - low), 0.0)
 
 
 class LinearSteps:

@@ -24,10 +24,8 @@ STIFF = 1e-3
 _KEPT_PLACES = 2**12
 #: most motions of a matrix that is factorised, for balls on a line, in a plane, in space: the factors take 1 GB at most
 LARGEST_FACTORS = {1: 1_000_000, 2: 300_000, 3: 12_000}
-#: work of these factors, in products of the matrix with a vector: c n^p of n motions
-_FACTORS = {1: (30.0, 0.0), 2: (6.0, 0.5), 3: (0.6, 1.0)}
-#: time of such a product and the sums that go with it, s for each motion
-PRODUCT_TIME = {1: 1.2e-8, 2: 3e-8, 3: 1e-7}
+#: time of these factors, complex ones, s: c n^p of n motions
+_FACTORS_TIME = {1: (3.6e-7, 1.0), 2: (1.8e-7, 1.5), 3: (6e-8, 2.0)}
 #: stiffness, over the mean, that holds balls which nothing else holds
 _LEAST_DIAGONAL = 1e-5
 #: added to the matrix, whose diagonal is scaled to one: without it rounding could make motions that cost nothing unstable
@@ -101,19 +99,10 @@ def factorise(matrix: Any, approximate: bool = False, pivot: float = 0.0, order:
     return splu(single, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=pivot, relax=1, options=options)
 
 
-def choose_factors(products: Array, motions: int, dimension: int, pace: float) -> tuple[NDArray[np.bool_], float]:
-    """Return at which frequencies (n_f,) factors of the matrix are less work than a Krylov space, and those in products.
-
-    The space serves all frequencies with the products that the hardest needs, ``pace`` of them in the time of one of a
-    sparse matrix. Where factors do not fit, none are chosen.
-    """
-    factor, power = _FACTORS[dimension]
-    price, order = pace * factor * motions**power, np.argsort(-products, kind="stable")
-    chosen = np.zeros(products.size, bool)
-    if motions <= LARGEST_FACTORS[dimension]:
-        work = price * np.arange(products.size + 1) + np.append(products[order], 0.0)
-        chosen[order[: int(np.argmin(work))]] = True
-    return chosen, price
+def estimate_factors(motions: int, dimension: int) -> float:
+    """Return the time of the factors of a matrix, s; infinite if it is too large to be factorised."""
+    factor, power = _FACTORS_TIME[dimension]
+    return factor * float(motions) ** power if motions <= LARGEST_FACTORS[dimension] else math.inf
 
 
 def factorise_contacts(i: Indices, j: Indices, head: Array, tail: Array, stiffness: Array) -> Callable[[Array], Array]:

@@ -13,7 +13,6 @@ adhesion w of the two surfaces, J/m^2.
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -23,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.ball import Body, ContactConstants
-from granphon.balls.hertz import HertzLaw, require_pushing
+from granphon.balls.hertz import ENERGY, FORCE, SLOPE, STIFFNESS, EnergyLaw, HertzLaw, require_pushing
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import ADHESION, LOADS, Quantity
 from granphon.base.registry import Registry
@@ -36,8 +35,6 @@ _PROBES = np.array([1e-6, 1e-5, 1e-4, 1e-3])
 _STEP, _ALLOWED = 1e-4, 1e-5
 #: the five methods of the law of a pair
 _METHODS = ("force", "stiffness", "stiffness_slope", "energy", "overlap")
-#: orders of the derivatives of the energy with respect to the overlap: energy, force, stiffness, slope of the stiffness
-ENERGY, FORCE, STIFFNESS, SLOPE = range(4)
 #: nodes of the quadrature of a tabulated force between two points of the table
 _NODES = 24
 #: most steps of Newton's method, where a law is inverted
@@ -74,38 +71,6 @@ class PairLaw(Protocol):
     def overlap(self, force: ArrayLike) -> Any:
         """Return the overlap delta at a force, m."""
         ...
-
-
-class EnergyLaw(ABC):
-    """A contact law that is known by its energy and the derivatives of it with respect to the overlap.
-
-    Methods take scalars or arrays of any shape, and return floats for floats.
-    """
-
-    @property
-    def least_overlap(self) -> float:
-        """Overlap up to which the bodies are apart, m."""
-        return 0.0
-
-    @abstractmethod
-    def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
-        """Return the energy, or its derivative of an ``order`` of 1 to 3; zero where the bodies are apart."""
-
-    def energy(self, overlap: ArrayLike) -> Any:
-        """Return the energy of a contact at an ``overlap``, m, in J; its derivative is the force."""
-        return self._evaluate(overlap, ENERGY)
-
-    def force(self, overlap: ArrayLike) -> Any:
-        """Return the force f at an ``overlap``, m, in N."""
-        return self._evaluate(overlap, FORCE)
-
-    def stiffness(self, overlap: ArrayLike) -> Any:
-        """Return the stiffness k = df/d(delta) at an ``overlap``, m, in N/m."""
-        return self._evaluate(overlap, STIFFNESS)
-
-    def stiffness_slope(self, overlap: ArrayLike) -> Any:
-        """Return the slope of the stiffness, dk/d(delta), at an ``overlap``, m, in N/m^2."""
-        return self._evaluate(overlap, SLOPE)
 
 
 @dataclass(frozen=True)
@@ -209,8 +174,7 @@ class DMTLaw(EnergyLaw):
     tension: float
 
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
-        hertz = self.hertz
-        found = (hertz.energy, hertz.force, hertz.stiffness, hertz.stiffness_slope)[order](overlap)
+        found = self.hertz._evaluate(overlap, order)
         if order > FORCE:
             return found
         pull = np.where(np.asarray(real_array("overlap", overlap)) >= 0.0, self.tension, 0.0)
@@ -569,3 +533,27 @@ def find_law(law: Any) -> Any:
         what = f"the contact law {law!r} has numbers: {', '.join(found.numbers)}"
         raise InputError(what, mend=f"Give it as {found.law.__name__}({', '.join(found.numbers)})")
     return found.law() if isinstance(found.law, type) else found.law
+
+
+def read_laws(law: Any) -> Any:
+    """Return the law of all contacts, by default Hertz's, or a tuple of pairs of names of kinds, each with its law."""
+    if not isinstance(law, Mapping):
+        return Hertz() if law is None else find_law(law)
+    for key in law:
+        if not (isinstance(key, tuple) and len(key) == 2 and all(isinstance(one, str) for one in key)):
+            mend = 'Give a law itself, or one for each pair of names, as ("A", "B")'
+            raise InputError(f"law has the key {brief(key)}", mend=mend)
+        if key[::-1] in law and law[key] != law[key[::-1]]:
+            raise InputError(f"law has two laws for contacts of {key}", mend="Give one, in either order")
+    return tuple((pair, find_law(one)) for pair, one in law.items())
+
+
+def law_of_pair(law: Any, ball: Body, other: Body, one: str, two: str) -> PairLaw:
+    """Return what :func:`read_laws` has for two bodies of the kinds ``one`` and ``two``; it may name others too."""
+    if isinstance(law, tuple):
+        known = {frozenset(pair): each for pair, each in law}
+        if (pair := frozenset((one, two))) not in known:
+            what, why = f"law has none for contacts of {(one, two)}", f"It has {brief([tuple(pair) for pair, _ in law])}"
+            raise InputError(what, why, "Give one for each pair of kinds that touch")
+        law = known[pair]
+    return law_between(law, ball, other)

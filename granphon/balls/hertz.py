@@ -6,6 +6,7 @@ Equations (1)-(4) of Velicky and Caroli, Phys. Rev. E 65, 021307 (2002), with th
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +20,8 @@ from granphon.base.validation import positive, real_array
 Array = NDArray[np.float64]
 #: a of Hertz's law f = c h_+^a; the stiffness is a f/h, and the energy f h/(a + 1)
 EXPONENT = 1.5
+#: orders of the derivatives of the energy with respect to the overlap: energy, force, stiffness, slope of the stiffness
+ENERGY, FORCE, STIFFNESS, SLOPE = range(4)
 #: d log omega / d log f of equal balls, (a - 1)/2a = 1/6, as frequencies go as k^(1/2)
 FREQUENCY_EXPONENT = (EXPONENT - 1.0) / (2.0 * EXPONENT)
 #: the pressure is high (low) where the overlap is above (below) Delta_rms by this factor or more; half a decade is what
@@ -77,6 +80,38 @@ def high_pressure_overlap(width: float) -> float:
     return MUCH_LARGER * width / math.sqrt(12.0)
 
 
+class EnergyLaw(ABC):
+    """A contact law that is known by its energy and the derivatives of it with respect to the overlap.
+
+    Methods take scalars or arrays of any shape, and return floats for floats.
+    """
+
+    @property
+    def least_overlap(self) -> float:
+        """Overlap up to which the bodies are apart, m."""
+        return 0.0
+
+    @abstractmethod
+    def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
+        """Return the energy, or its derivative of an ``order`` of 1 to 3; zero where the bodies are apart."""
+
+    def energy(self, overlap: ArrayLike) -> Any:
+        """Return the energy of a contact at an ``overlap``, m, in J; its derivative is the force."""
+        return self._evaluate(overlap, ENERGY)
+
+    def force(self, overlap: ArrayLike) -> Any:
+        """Return the force f at an ``overlap``, m, in N."""
+        return self._evaluate(overlap, FORCE)
+
+    def stiffness(self, overlap: ArrayLike) -> Any:
+        """Return the stiffness k = df/d(delta) at an ``overlap``, m, in N/m."""
+        return self._evaluate(overlap, STIFFNESS)
+
+    def stiffness_slope(self, overlap: ArrayLike) -> Any:
+        """Return the slope of the stiffness, dk/d(delta), at an ``overlap``, m, in N/m^2."""
+        return self._evaluate(overlap, SLOPE)
+
+
 def require_pushing(load: Array, least: float = 0.0) -> None:
     """Raise :class:`InputError` for a force ``load`` below the ``least`` that a contact bears, N."""
     if not np.all(load >= least):
@@ -86,14 +121,16 @@ def require_pushing(load: Array, least: float = 0.0) -> None:
 
 
 @dataclass(frozen=True)
-class HertzLaw:
+class HertzLaw(EnergyLaw):
     """Hertz's law f = c delta_+^(3/2): the force between two balls pressed together, zero when they are apart.
 
     Parameters
     ----------
     coefficient : c = (2/3) E* d*^(1/2), N/m^(3/2) (equations 1 and 22).
 
-    All methods take scalars or arrays, and return floats for floats.
+    All methods take scalars or arrays, and return floats for floats. The energy of a contact is (2/5) c delta_+^(5/2), the
+    force c delta_+^(3/2) (equation 22, the inverse of 1), the normal stiffness (3/2) c delta_+^(1/2) (equation 2), and its
+    derivative by the overlap (3/4) c delta^(-1/2), zero where the balls are apart.
 
     Raises
     ------
@@ -105,11 +142,6 @@ class HertzLaw:
     def __post_init__(self) -> None:
         object.__setattr__(self, "coefficient", positive("coefficient", self.coefficient, "N/m^(3/2)"))
 
-    @property
-    def least_overlap(self) -> float:
-        """Overlap up to which balls are apart, m: zero."""
-        return 0.0
-
     @classmethod
     def between(cls, material: Material, first: float, second: float | None = None) -> HertzLaw:
         """The law of two balls of the diameters ``first`` and ``second``, m; of equal balls if only one is given."""
@@ -120,23 +152,15 @@ class HertzLaw:
             raise InputError(f"balls of {one:g} m and {two:g} m of this material are beyond double precision")
         return cls(coefficient)
 
-    def energy(self, overlap: ArrayLike) -> Any:
-        """Elastic energy of a contact (2/5) c delta_+^(5/2), J; ``overlap`` delta in m."""
+    def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
         delta = np.maximum(real_array("overlap", overlap), 0.0)
-        return (0.4 * self.coefficient * delta * np.sqrt(delta) * delta)[()]
-
-    def force(self, overlap: ArrayLike) -> Any:
-        """Contact force c delta_+^(3/2), N (equation 22, the inverse of 1); ``overlap`` delta in m."""
-        delta = np.maximum(real_array("overlap", overlap), 0.0)
-        return (self.coefficient * delta * np.sqrt(delta))[()]
-
-    def stiffness(self, overlap: ArrayLike) -> Any:
-        """Normal stiffness (3/2) c delta_+^(1/2), N/m (equation 2); ``overlap`` delta in m."""
-        return (1.5 * self.coefficient * np.sqrt(np.maximum(real_array("overlap", overlap), 0.0)))[()]
-
-    def stiffness_slope(self, overlap: ArrayLike) -> Any:
-        """Derivative of the stiffness by the overlap, (3/4) c delta^(-1/2), N/m^2; zero where the balls are apart."""
-        root = np.sqrt(np.maximum(real_array("overlap", overlap), 0.0))
+        root = np.sqrt(delta)
+        if order == ENERGY:
+            return (0.4 * self.coefficient * delta * root * delta)[()]
+        if order == FORCE:
+            return (self.coefficient * delta * root)[()]
+        if order == STIFFNESS:
+            return (1.5 * self.coefficient * root)[()]
         return np.divide(0.75 * self.coefficient, root, out=np.zeros_like(root), where=root > 0.0)[()]
 
     def overlap(self, force: ArrayLike) -> Any:

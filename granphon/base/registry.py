@@ -48,7 +48,7 @@ class Registry(Mapping[str, T]):
         from granphon.base.validation import label, require  # imported here: what only lists the plug-ins needs no NumPy
 
         require(f"the name of a {self.what}", label, name)
-        source = _plugins.loading or _PROGRAM
+        source = getattr(_plugins, "loading", "") or _PROGRAM
         if (holder := self._sources.get(name)) is not None and not (holder == source and _is_again(self._made[name], made)):
             raise InputError(f"the {self.what} {name!r} exists already, of {holder}", mend="Give another name")
         self._entries[name], self._sources[name], self._made[name] = entry, source, made
@@ -98,23 +98,23 @@ class Registry(Mapping[str, T]):
 
 
 def _is_again(first: Any, second: Any) -> bool:
-    """Whether two things are equal, or a function or class and what was defined later under its name in its module."""
-    names = [(getattr(one, "__module__", None), getattr(one, "__qualname__", "<none>")) for one in (first, second)]
-    if first is second or (names[0] == names[1] and "<" not in names[0][1]):
-        return True
+    """Whether two things are equal, or a function or class and the same that was defined later in its module.
+
+    It has the same name there or, if it has none of its own, as a lambda has not, the same code without a closure.
+    """
+    names = [(getattr(one, "__module__", None), getattr(one, "__qualname__", "")) for one in (first, second)]
+    if first is not second and names[0] == names[1] and names[0][1]:
+        codes = [getattr(one, "__code__", None) for one in (first, second)]
+        texts = [(one.co_code, one.co_consts, one.co_names) for one in codes if one and not one.co_freevars]
+        return "<" not in names[0][1] or (len(texts) == 2 and texts[0] == texts[1])
     try:
         return bool(first == second)
     except ValueError:  # of objects that hold arrays
         return False
 
 
-class _Plugins(threading.local):
-    """What is loading, in this thread."""
-
-    loading = ""
-
-
-_plugins, _lock = _Plugins(), threading.RLock()
+#: what is loading, in each thread
+_plugins, _lock = threading.local(), threading.RLock()
 #: plug-ins that were loaded, each with why it failed; None where it did not, or has not ended
 _loaded: dict[str, str | None] = {}
 

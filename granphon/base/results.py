@@ -237,8 +237,7 @@ class Result:
         for name in self._shapes:
             value = getattr(self, name)
             if isinstance(value, np.ndarray) and not np.all(np.isfinite(value)):
-                what = f"{name} of the {type(self).__name__} holds values that are not finite (nan or infinite)"
-                raise InputError(what)
+                raise InputError(f"{name} of the {type(self).__name__} holds values that are not finite (nan or infinite)")
 
 
 def _fits(layout: list[str], shape: tuple[int, ...], sizes: dict[str, Any]) -> bool:

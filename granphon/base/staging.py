@@ -64,9 +64,6 @@ def has_locks(descriptor: int) -> bool:
     return True
 
 
-# -- the list of files -----------------------------------------------------------------------------------------------
-
-
 def read_written_files(folder: StrPath, what: str = "files") -> dict[str, str]:
     """Name and SHA-256 of each file that granphon wrote into ``folder``, from its list; empty if there is no list.
 
@@ -94,9 +91,6 @@ def is_whole(folder: StrPath, names: Sequence[str]) -> bool:
     """Whether ``folder`` holds files of all ``names`` as granphon has written them."""
     written = read_written_files(folder)
     return all(name in written for name in names) and all(_is_written(Path(folder) / name, written[name]) for name in names)
-
-
-# -- a result in its folder ------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -303,28 +297,14 @@ def _explaining(target: Path) -> Iterator[None]:
         raise OutputError(what, why, mend) from None
 
 
-# -- the lock --------------------------------------------------------------------------------------------------------
-
-
 @contextmanager
 def _hold_lock(target: Path) -> Iterator[bool]:
     """Hold the lock during the block; yield whether it is certain that no other run is under way.
 
     On a file system that does not support locks, it is not.
     """
-    descriptor = _lock_file(target / LOCK)
-    try:
-        yield descriptor is not None
-    finally:
-        if descriptor is not None:
-            with suppress(OSError):  # where an open file cannot be removed, it stays
-                (target / LOCK).unlink()
-            os.close(descriptor)
-
-
-def _lock_file(path: Path) -> int | None:
-    """Lock the file, and return its descriptor; None on a file system that does not support locks."""
-    while True:
+    path, same = target / LOCK, False
+    while not same:
         with _explaining(path.parent):
             descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
         about = os.fstat(descriptor)
@@ -337,17 +317,21 @@ def _lock_file(path: Path) -> int | None:
         except OSError as error:
             os.close(descriptor)
             if error.errno in _NO_LOCKS:
-                return None
+                yield False
+                return
             what, why = f"another run is writing into {_name(path.parent)}", "Two runs would mix their files"
             raise OutputError(what, why, "Wait until it ends, or choose another folder") from None
         with suppress(OSError):
             # another run may have removed the file between opening and locking it here; then try again
-            if os.path.samestat(os.fstat(descriptor), os.stat(path)):
-                return descriptor
+            same = os.path.samestat(os.fstat(descriptor), os.stat(path))
+        if not same:
+            os.close(descriptor)
+    try:
+        yield True
+    finally:
+        with suppress(OSError):  # where an open file cannot be removed, it stays
+            path.unlink()
         os.close(descriptor)
-
-
-# -- single files ---------------------------------------------------------------------------------------------------
 
 
 def write_text(path: StrPath, text: str, replace: bool = False) -> None:

@@ -84,8 +84,7 @@ def read_bytes(path: str | os.PathLike[str], limit: int = MOST_FILE_BYTES) -> by
         with open(path, "rb", opener=lambda name, mode: os.open(name, mode | flags)) as stream:
             about = os.fstat(stream.fileno())
             if not stat.S_ISREG(about.st_mode):
-                what = f"{path} cannot be read: it is a device or a pipe"
-                raise InputError(what, mend="Give a regular file")
+                raise InputError(f"{path} cannot be read: it is a device or a pipe", mend="Give a regular file")
             # ask for little more than the file holds, as Python allocates the requested size at once
             raw = stream.read(about.st_size + 1) if about.st_size <= limit else b""
     except InputError:
@@ -422,6 +421,12 @@ def closest(word: str, options: Iterable[str]) -> str | None:
     same = [option for option in known if option.lower() == word.lower()]
     found = same or get_close_matches(word[:100], known, n=1, cutoff=0.6)
     return found[0] if found else None
+
+
+def suggest(word: str, options: Iterable[str]) -> str:
+    """What to write in place of an unknown word: the option that was probably meant, or else any of them."""
+    meant = closest(word, options)
+    return f"Did you mean {meant}?" if meant else "Use " + ", ".join(options)
 
 
 def counted(number: int, one: str, many: str = "") -> str:

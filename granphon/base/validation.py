@@ -124,9 +124,6 @@ def text_list(given: Any) -> tuple[str, ...]:
     return tuple(plain)
 
 
-# -- truth values, numbers ------------------------------------------------------------------------------------------
-
-
 def truth(value: Any) -> bool:
     """A truth value of Python or NumPy, as a bool; words such as "yes" are refused."""
     if isinstance(value, bool | np.bool_):
@@ -235,9 +232,6 @@ def lengths(value: Any, low: int, high: int, periods: int | None = None) -> tupl
     return grid(given, low, high, ("16384", "128 128", "24 24 24")[count - 1], count)
 
 
-# -- arrays of numbers ----------------------------------------------------------------------------------------------
-
-
 def real_numbers(values: Any, unit: str = "") -> NDArray[np.float64]:
     """Real numbers as an array of floats of any shape, finite or not.
 
@@ -337,9 +331,6 @@ def _is_masked(values: Any, depth: int = 0) -> bool:
             )
         return any(_is_masked(one, depth + 1) for one in values)
     return isinstance(values, np.ma.MaskedArray) and bool(np.ma.is_masked(values))
-
-
-# -- arguments of Python calls -------------------------------------------------------------------------------------
 
 
 def _named(rule: Callable[Concatenate[Any, Options], Value]) -> Callable[Concatenate[str, Any, Options], Value]:

@@ -54,21 +54,15 @@ class _Grouped:
                     formatter.write_dl(rows)
 
 
-class _GroupedCommand(_Grouped, TyperCommand):
-    """A subcommand."""
-
-
-class _GroupedGroup(_Grouped, TyperGroup):
-    """A command with subcommands."""
-
-
+#: a subcommand, and a command with subcommands
+_Command, _Group = (type("Grouped", (_Grouped, kind), {}) for kind in (TyperCommand, TyperGroup))
 #: the command ``granphon``; the modules beside this one add their subcommands to it
 app = typer.Typer(
-    cls=_GroupedGroup, rich_markup_mode=None, pretty_exceptions_enable=False,
+    cls=_Group, rich_markup_mode=None, pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )  # fmt: skip
 #: what adds a subcommand to :data:`app`: a name, and the group of the help in which it stands, ``rich_help_panel``
-command = partial(app.command, cls=_GroupedCommand)
+command = partial(app.command, cls=_Command)
 
 
 def _print_version(wanted: bool) -> None:

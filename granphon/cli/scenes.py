@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -12,8 +13,17 @@ import typer
 
 from granphon.base.errors import InputError
 from granphon.cli.app import FORCE, PICTURES, SCENES, WORK, Force, SceneFile, Scheduler, Workers, command
-from granphon.cli.terminal import GO_ON, NOTHING_WRITTEN, require_name, say, say_table, tell_interruption, warn
-from granphon.cli.wording import describe_result, describe_scene
+from granphon.cli.terminal import (
+    GO_ON,
+    NOTHING_WRITTEN,
+    describe_result,
+    describe_scene,
+    require_name,
+    say,
+    say_table,
+    tell_interruption,
+    warn,
+)
 
 #: the scenes that ``init`` writes; the first is the default
 PRESETS = ("steel_hexagon", "steel_spread", "glass", "hydrogel", "chain", "membrane", "fcc", "hcp", "diatomic")
@@ -37,14 +47,10 @@ def write_preset(
       granphon init beads.yaml --preset glass
     """
     from granphon.base.staging import ResultFiles, write_text
-    from granphon.base.text import closest
+    from granphon.base.validation import choice, require
     from granphon.scene import file
 
-    if preset not in PRESETS:
-        meant = closest(preset, PRESETS)
-        raise InputError(
-            f"found the preset {preset!r}; allowed: {', '.join(PRESETS)}", mend=f"Did you mean {meant!r}?" if meant else ""
-        )
+    require("--preset", partial(choice, options=PRESETS), preset)
     require_name("PATH", path)
     texts = {name: file.write_preset(name) for name in PRESETS}
     target = Path(path)
@@ -66,8 +72,7 @@ def check_scene(scene: SceneFile) -> None:
     """
     from granphon.observables.validity import validity
     from granphon.runs.tasks import label_warnings
-    from granphon.scene.run import expected_files
-    from granphon.scene.scene import Scene
+    from granphon.scene.scene import Scene, expected_files
 
     read = Scene.from_yaml(scene)
     rows = describe_scene(read)  # first, because it raises if there is too little memory
@@ -120,8 +125,7 @@ def run_scene(
     """
     from granphon.base.progress import on_stderr
     from granphon.runs.workers import open_executor, require_workers
-    from granphon.scene.run import WORK_FILE, is_complete
-    from granphon.scene.scene import Scene
+    from granphon.scene.scene import WORK_FILE, Scene, is_complete
 
     def left() -> str:
         """Describe what an interruption has left in the folder."""

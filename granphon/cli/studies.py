@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
@@ -12,8 +13,19 @@ import typer
 from granphon.base.errors import InputError, Refused
 from granphon.base.text import show
 from granphon.cli.app import COMPARISONS, Force, SceneFile, Scheduler, Workers, command
-from granphon.cli.terminal import GO_ON, NOTHING_WRITTEN, require_name, say, say_table, tell_interruption, warn
-from granphon.cli.wording import describe_fit, describe_response_fit, write_direction
+from granphon.cli.terminal import (
+    GO_ON,
+    NOTHING_WRITTEN,
+    describe_fit,
+    describe_response_fit,
+    describe_tradeoff,
+    require_name,
+    say,
+    say_table,
+    tell_interruption,
+    warn,
+    write_direction,
+)
 
 if TYPE_CHECKING:
     from granphon.balls.packing import Packing
@@ -75,8 +87,6 @@ def fit_measurements(
       granphon fit fcc.yaml data.csv --no-width --parameter young_modulus --direction "1 1 0"
       granphon fit chain.yaml transfer.csv --parameter damping --parameter stiffness
     """
-    from functools import partial
-
     from granphon.balls.loads import force_of_frame
     from granphon.base.quantities import FREQUENCY, LENGTH
     from granphon.base.staging import ResultFiles
@@ -91,10 +101,8 @@ def fit_measurements(
     files = None if out is None else ResultFiles(out, FIT_FILES, force, inputs=(*read.origin.inputs, data))
     if files is not None:
         files.require_free()
-    given, columns = (
-        tuple(parameter or ()),
-        {kind.strip(): name for kind, _, name in (one.partition("=") for one in column or ())},
-    )
+    given = tuple(parameter or ())
+    columns = {kind.strip(): name for kind, _, name in (one.partition("=") for one in column or ())}
     if twice := [name for name in dict.fromkeys(given) if given.count(name) > 1]:
         raise InputError(f"--parameter {twice[0]} is given {given.count(twice[0])} times", mend="Give it once")
     table = Table.read(data)
@@ -123,15 +131,11 @@ def fit_measurements(
     replaced = width and read.media[0].name == "ala" and not read.balls_differ
     medium = "ema" if replaced else read.media[0]
     balls = read.load.balls_per_side
-    measured = Measurements.read(
-        data,
-        columns,
-        None if distance is None else require("--distance", LENGTH.read, distance),
-        None if balls is None else partial(force_of_frame, balls_per_side=balls),
-        partial(convert_pressure, packing, read.finite_overlap, medium, given),
-        packing.structure.periods,
-        partial(convert_cutoff, packing, branch, along, read.finite_overlap, given),
-    )
+    far = None if distance is None else require("--distance", LENGTH.read, distance)
+    frame = None if balls is None else partial(force_of_frame, balls_per_side=balls)
+    pressed = partial(convert_pressure, packing, read.finite_overlap, medium, given)
+    carried = partial(convert_cutoff, packing, branch, along, read.finite_overlap, given)
+    measured = Measurements.read(data, columns, far, frame, pressed, packing.structure.periods, carried)
     found = fit_width(
         packing, measured.force, measured.velocity,
         measured.sigma if sigma is None else require("--sigma", partial(read_sigma, velocity=measured.velocity), sigma),
@@ -174,7 +178,6 @@ def _fit_response(scene: str, read: Scene, data: str, columns: Mapping[str, str]
 def _finish_fit(
     out: str | None, files: ResultFiles | None, found: Any, notes: Sequence[str], table: list[tuple[str, str]]
 ) -> None:
-    """Write and tell a fit."""
     from granphon.fits.fit import FIT_FILES
 
     def figure(_: str) -> Any:
@@ -193,7 +196,6 @@ def _finish_fit(
 
 
 def _read_direction(value: str) -> list[float]:
-    """Read the numbers of a direction, parted by spaces or commas."""
     try:
         return [float(word) for word in value.replace(",", " ").split()]
     except ValueError:
@@ -232,12 +234,10 @@ def measure_tradeoff(
     from granphon.base.quantities import TIME
     from granphon.base.staging import ResultFiles
     from granphon.base.validation import require
-    from granphon.cli.wording import describe_tradeoff
     from granphon.media.friction_history import REFERENCE_OPTIONS, REST
     from granphon.runs.store import open_store
     from granphon.runs.workers import open_executor, require_workers
-    from granphon.scene.run import WORK_FILE
-    from granphon.scene.scene import Scene
+    from granphon.scene.scene import WORK_FILE, Scene
     from granphon.tradeoffs.measure import TRADEOFF_FILES, tradeoff
 
     require_name("--out", out)

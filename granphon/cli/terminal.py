@@ -1,17 +1,26 @@
-"""Printing of lines, tables, warnings, errors and interruptions on the command line."""
+"""What the command line prints: lines, tables, warnings and errors; scenes and results in words.
+
+This module imports no code that computes.
+"""
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from granphon.base.errors import InputError, one_line
+from granphon.base.scales import write_quantity, write_uncertain
+from granphon.base.text import counted
 
 if TYPE_CHECKING:
-    from granphon.scene.scene import Scene
+    from granphon.fits.fit import WidthFit
+    from granphon.fits.transfer import DampingFit
+    from granphon.scene.scene import RunResult, Scene
+    from granphon.tradeoffs.measure import TradeOff
 
 
 #: end of the message of an interruption that comes before a result is written
@@ -89,3 +98,152 @@ def tell_interruption(left: Callable[[], str]) -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         raise Interrupted(left()) from None
+
+
+def write_range(value: Any, unit: str) -> str:
+    """Text of a value, or of the least and the greatest of several, as :func:`write_quantity` writes them."""
+    import numpy as np  # here alone, so that the command's help needs no numpy
+
+    return " to ".join(write_quantity(end, unit) for end in np.unique([np.min(value), np.max(value)]).tolist())
+
+
+def _write(value: Any, unit: str) -> str:
+    """Text of a value of a table: a length, force, pressure or stiffness with a decimal prefix, all else as it is."""
+    if unit in ("m", "Pa", "N", "N/m", "Hz"):
+        return write_range(value, unit)
+    from granphon.base.results import describe_value  # with numpy, which the help of a command does not need
+
+    return f"{describe_value(value)} {unit.removeprefix('1')}".rstrip()
+
+
+def describe_scene(scene: Scene) -> list[tuple[str, str]]:
+    """Rows that describe a scene: names, and values in readable units."""
+    rows = [(name, _write(value, unit)) for name, value, unit in scene.describe()]
+    if scene.is_single and scene.serving.chosen_automatically:
+        serving = scene.serving
+        error = float(serving.errors[0])
+        told = f"expected error {error:.2g} against {serving.truth}" if error else "exact for equal balls"
+        rows.append(("chosen", f"{serving.medium.label}, {told}"))
+    if not scene.is_single:
+        sizes = [(len(scene.load.values), "load", "loads"), (len(scene.media), "medium", "media")]
+        sizes += [(len(values), f"value of {name}", f"values of {name}") for name, values in scene.parameters]
+        states = math.prod(count for count, *_ in sizes)
+        counts = " x ".join(counted(*one) for one in sizes)
+        rows.append(("sweep", f"{counts} = {counted(states, 'state')}"))
+    elif scene.serving.is_quick:
+        state = scene.state()
+        rows += [
+            ("contact", f"force {write_quantity(state.force, 'N')}, overlap {write_quantity(state.overlap, 'm')}"),
+            (
+                "stiffness",
+                f"normal {write_quantity(state.normal_stiffness, 'N/m')},"
+                f" shear {write_quantity(state.shear_stiffness, 'N/m')}",
+            ),
+        ]
+    cost = scene.cost()
+    if cost is not None:
+        rows.append(("will take", f"{cost.text} on one processor"))
+    return rows
+
+
+def describe_result(result: RunResult) -> list[tuple[str, str]]:
+    """Rows of the main numbers of a result: labels, and values in readable units."""
+    import numpy as np
+
+    from granphon.observables.catalogue import CATALOGUE
+
+    numbers: dict[str, Any] = result.summary()
+    rows = [("states", str(numbers["states"]))] if "states" in numbers else []
+    along = f" along {write_direction(numbers['direction'])}" if "direction" in numbers else ""
+    for name in CATALOGUE:
+        one = result.entry(name)
+        if one is not None and one.told and name in numbers:
+            # a value, or the ends of several, with their standard errors if these are known
+            said, error = write_range(numbers[name], one.unit), numbers.get(f"{name}_error")
+            if error is not None:
+                values, errors = np.ravel(numbers[name]), np.ravel(error)
+                several = f"{said} +/- {write_range(errors, one.unit)}"
+                said = write_uncertain(float(values[0]), float(errors[0]), one.unit) if len(values) == 1 else several
+            rows.append((one.label.lower(), said + (along if one.unit == "m/s" and one.cost != "surface" else "")))
+    if (gaps := numbers.get("gaps")) is not None:
+        widest = sorted(gaps, key=lambda one: one[0] - one[1])[:3]
+        told = ", ".join(write_range(one, "Hz") for one in sorted(widest)) or "none"
+        more = f", and {len(gaps) - len(widest)} narrower ones" if len(gaps) > len(widest) else ""
+        rows.append(("gaps" if len(gaps) > 1 else "gap", told + more))
+    return rows
+
+
+def write_direction(given: Any) -> str:
+    """Text of one direction, or of the number of them."""
+    if isinstance(given[0], float | int):
+        return f"({', '.join(f'{x:g}' for x in given)})"
+    return counted(len(given), "direction")
+
+
+def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
+    """Rows of a fit: its parameters with their standard errors, the data, and how well they agree."""
+    from granphon.balls.parameters import PARAMETERS
+
+    rows = []
+    for name, value, error in zip(fit.parameters, fit.values.tolist(), fit.stderrs.tolist(), strict=True):
+        rows.append((name.replace("_", " "), _write_valued(value, error, PARAMETERS[name] or "")))
+        if name == "width":
+            rows.append(("standard deviation", _write_valued(fit.std, fit.std_stderr, "m")))
+    source = "given" if fit.sigma_given else f"from the scatter, {fit.dof} degrees of freedom"
+    each = " to ".join(dict.fromkeys(f"{sigma:.3g}" for sigma in (min(fit.sigma), max(fit.sigma))))
+    known = f"each +/- {each} m/s ({source})" if fit.errors_are_known else "error not known"
+    rows += [("medium", fit.medium), ("velocities", f"{fit.force.size}, {known}")]
+    if not fit.is_isotropic:
+        rows.append(("direction", write_direction(fit.waves.direction)))
+    if fit.sigma_given:  # if sigma comes from the scatter, chi^2 equals the degrees of freedom by construction
+        rows.append(_judge_fit(fit))
+    return rows
+
+
+def _write_valued(value: float, error: float, unit: str) -> str:
+    known = math.isfinite(error)
+    if known and not unit:  # a number takes no prefix
+        return f"{value:.4g} +/- {error:.2g}"
+    return write_uncertain(value, error, unit) if known else f"{write_quantity(value, unit)}, error not known"
+
+
+def _judge_fit(fit: WidthFit | DampingFit) -> tuple[str, str]:
+    agreement = f"{fit.chi2:.4g} for {fit.dof} degrees of freedom, p = {fit.p:.2g}"
+    return "chi^2", agreement if fit.dof else "none: as many are fitted as were measured"
+
+
+def describe_response_fit(fit: DampingFit) -> list[tuple[str, str]]:
+    """Rows of a fit to a transfer function: its parameters with their standard errors, the data, and how well they agree."""
+    from granphon.fits.transfer import PARAMETERS
+
+    units = [PARAMETERS[name].replace("1", "") for name in fit.parameters]
+    each = zip(fit.parameters, fit.values.tolist(), fit.stderrs.tolist(), units, strict=True)
+    rows = [(name.replace("_", " "), _write_valued(value, error, unit)) for name, value, error, unit in each]
+    what = "magnitudes" if fit.measured.phase is None else "magnitudes and phases"
+    source = "sigma given" if fit.sigma_given else f"sigma from the scatter, {fit.dof} degrees of freedom"
+    rows.append(("data", f"{len(fit.magnitude)} {what}, {source}"))
+    return [*rows, _judge_fit(fit)] if fit.sigma_given else rows
+
+
+def describe_tradeoff(result: TradeOff, periods: int) -> list[str]:
+    """Lines of the table of a trade-off, of balls on a lattice of 1, 2 or 3 ``periods``."""
+    from granphon.base.quantities import load_quantities  # with numpy, too
+
+    heads = ("method", "knob", "error", "+/-", "runs", "time", "+/-", "set-up", "memory", "floor", "")
+    loads = write_range(result.loads, load_quantities(periods)[result.kind].unit)
+    runs = counted(result.runs, "warm run")
+    lines = [f"errors at {counted(len(result.loads), 'load')}, {loads}; {runs} each"]
+    rows: list[tuple[str, ...]] = [heads]
+    for point in result.points:
+        if point.failure and not point.seconds:
+            rows.append((point.method, point.knob, *[""] * 8, point.failure))
+            continue
+        times = [write_quantity(one, "s") if one else "0 s" for one in (point.seconds, point.spread, point.setup)]
+        error = f"{point.error:.2e}" if point.errors.size else "?"
+        found = (error, f"{point.stderr:.0e}" if point.stderr else "", str(point.draws), *times)
+        rows.append((point.method, point.knob, *found, write_quantity(point.memory, "B"), f"{point.floor:.0e}", point.note))
+    widths = [max(len(row[i]) for row in rows) for i in range(len(heads))]
+    lines += ["", f"media (of {', '.join(result.observed)})"]
+    lines += ["  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    lines += [f"  reference: {result.reference}"] * bool(result.reference)
+    return [*lines, "", f"took {write_quantity(result.seconds, 's')} of {write_quantity(result.budget, 's')}"]

@@ -30,8 +30,6 @@ Complex = NDArray[np.complex128]
 LARGEST_LOSSES = {"damping": 1e30, "loss_factor": 1e6}
 #: relative difference of times, or loss factors, that are the same but for rounding
 _ALIKE = 1e-12
-#: least pace of a Krylov space, over the mean distance of modes in a network, which it comes to tell apart
-_MODE_PACE = 5.0
 #: damping, over the square root of the largest stiffness, above which slow rates are less than the rounding of fast ones
 _STRONGEST = 3e4
 #: part of the top frequency up to which a frequency, or its real part, is zero: the root of rounding, as zeros come in pairs
@@ -142,30 +140,6 @@ class DampedModes(Result):
     def decay(self) -> Array:
         """2 pi Im f, 1/s, the rate at which the amplitude decays, of the shape of the frequencies."""
         return np.asarray(2.0 * np.pi * self.frequencies.imag)
-
-
-def count_products(
-    w: Array, loss: float, time: float, even: bool, size: tuple[int, int], tolerance: float, has_losses: bool,
-    has_dashpots: bool,
-) -> Array:  # fmt: skip
-    """Return how many products of D with a vector a Krylov space takes for the response (n_f,); infinite without a bound.
-
-    ``w`` are frequencies over the top one, and ``loss`` and ``time``, times the top frequency, the least eta and tau. A step
-    makes the error smaller by exp(-2 Im arccos(w/(1 + i g)^1/2)), g = eta + w tau, as the polynomials of Chebyshev do. It
-    counts for 2 products where loss factors differ from contact to contact, for 3 where dashpots do, and for 6 with both.
-    In a network of few modes, ``size`` being the number of its motions and its dimension, these are told apart sooner, but
-    where dashpots differ.
-    """
-    least = loss + time * w
-    pace = 2.0 * np.abs(np.arccos(w / np.sqrt(1.0 + 1j * least)).imag)
-    distance = np.maximum(w**2 * least / np.hypot(1.0, least), w**2 - 1.0)
-    work = 1.0 if even else (6.0 if has_losses else 3.0) if has_dashpots else 2.0
-    found, known = np.full(w.shape, np.inf), (distance > 0.0) & (pace > 0.0)
-    n, d = size
-    if even or not has_dashpots:
-        pace += 2.0 * _MODE_PACE / np.maximum(n ** (1.0 / d), n * d * w ** (d - 1))
-    found[known] = work * np.log(np.maximum(1.0 / distance[known], 1.0) / tolerance) / pace[known]
-    return found
 
 
 def damp_evenly(omega: Array, loss_factor: float, time: float) -> Complex:

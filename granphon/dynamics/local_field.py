@@ -18,10 +18,9 @@ ball. That ball does not move, and u_1 is the radial displacement of the corona.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -148,9 +147,10 @@ def _compute_local_field(structure: Lattice, eta: float, bending: float, torsion
     if all(block.rank == block.n_rows for block in blocks):
         return make_field(0.0)  # the contacts can take up any deformation
     # mean elongations under a unit tension of one ball's star: of the star, then on top and at the bridges
-    before: Array = np.zeros(0)
+    before, find = np.zeros(0), _make_response(medium)
     for order in _ORDERS[medium.periods]:
-        values = _average_response(medium, _divide_by_symmetry(medium, order))
+        zone = divide_zone(medium.reciprocal, order, _find_operations(medium))
+        values = np.asarray(sum(weights @ find(q) for q, weights in zone))
         # u_1 is small at strong friction and near one at weak friction. Both u_1 and Xi = 1/u_1 - 1 must be accurate, so 1 -
         # u_1 must be well above rounding
         accepted = _AGREEMENT[medium.periods] * values[0] * (1.0 - values[0])
@@ -176,21 +176,10 @@ def _compute_local_field(structure: Lattice, eta: float, bending: float, torsion
 # -- the response of the lattice ------------------------------------------------------------------------------------
 
 
-def _divide_by_symmetry(medium: ContactLattice, order: int) -> Iterator[tuple[Array, Array]]:
-    """Yield wave vectors and weights of :func:`divide_zone` for the response of a lattice."""
-    return divide_zone(medium.reciprocal, order, _find_operations(medium))
-
-
 @lru_cache(maxsize=16)
 def _find_operations(medium: ContactLattice) -> list[Operation]:
     """Find the operations on q that leave the response of a lattice the same."""
     return find_symmetries(_make_response(medium), medium.reciprocal)
-
-
-def _average_response(medium: ContactLattice, zone: Iterator[tuple[Array, Array]]) -> Array:
-    """Find the mean elongation of each kind of contact under a unit tension of the first: the zone mean of s^H P t."""
-    find = _make_response(medium)
-    return np.asarray(sum(weights @ find(q) for q, weights in zone))
 
 
 def _make_response(medium: ContactLattice) -> Callable[[Array], Array]:
@@ -226,7 +215,13 @@ def _make_response(medium: ContactLattice) -> Callable[[Array], Array]:
         return np.concatenate([find_part(q[start : start + size]) for start in range(0, len(q), size)])
 
     def find_part(q: Array) -> Array:
-        adjoint = _find_range(medium.compatibility(q)[..., columns], rank)[:, : len(medium.contacts)].conj().swapaxes(1, 2)
+        rows = medium.compatibility(q)[..., columns]
+        if rank == rows.shape[2]:  # the QR factor does not depend on the scale of the columns: small near Gamma
+            basis = np.linalg.qr(rows)[0]
+        else:
+            lengths = np.linalg.norm(rows, axis=1, keepdims=True)
+            basis = np.linalg.svd(rows / np.where(lengths > 0.0, lengths, 1.0), full_matrices=False)[0][..., :rank]
+        adjoint = basis[:, : len(medium.contacts)].conj().swapaxes(1, 2)  # of an orthonormal basis of the range: P = Q Q^H
         moved = [
             # the Fourier transforms (n_q, n_c, n_balls) of the tensions
             adjoint @ np.stack([np.exp(-1j * (q @ where.T)) @ which for where, which in found], axis=2)
@@ -235,12 +230,3 @@ def _make_response(medium: ContactLattice) -> Callable[[Array], Array]:
         return np.stack([np.einsum("qrb,qrb->q", one.conj(), moved[0]).real for one in moved], axis=1) / counts
 
     return find
-
-
-def _find_range(rows: NDArray[Any], rank: int) -> NDArray[Any]:
-    """Find an orthonormal basis (n_q, m, rank) of the range of rows (n_q, m, n): P = Q Q^H."""
-    if rank == rows.shape[2]:
-        # the QR factor does not depend on the scale of the columns, which is small near Gamma or at weak friction
-        return np.asarray(np.linalg.qr(rows)[0])
-    lengths = np.linalg.norm(rows, axis=1, keepdims=True)
-    return np.asarray(np.linalg.svd(rows / np.where(lengths > 0.0, lengths, 1.0), full_matrices=False)[0][..., :rank])

@@ -133,8 +133,10 @@ def divide_zone(
     periods = len(basis)
     if symmetries is None:
         symmetries = [_list_operations(periods)[0], Operation(tuple(range(periods)), (-1,) * periods)]
-    points, gauss = np.polynomial.legendre.leggauss(order)
-    cube, gauss = (_combine(values, periods) for values in (0.5 + 0.5 * points, 0.5 * gauss))
+    cube, gauss = (  # (n^p, p), all combinations of points from 0 to 1, and of their weights
+        np.stack(np.meshgrid(*[0.5 * values] * periods, indexing="ij"), axis=-1).reshape(-1, periods) + start
+        for values, start in zip(np.polynomial.legendre.leggauss(order), (0.5, 0.0), strict=True)
+    )
     away = np.cumprod(cube, axis=1)  # distances from the corner along the axes, in the order of the simplex
     weights = np.prod(gauss, axis=1) * np.prod(away[:, :-1], axis=1)
     for simplex, count in _take_one_of_each(tuple(symmetries), periods):
@@ -142,11 +144,6 @@ def divide_zone(
         fractions[:, simplex.order] = away
         fractions = 0.5 * np.array(simplex.corner) + 0.25 * np.array(simplex.signs) * fractions
         yield fractions @ basis, weights * (count / 4.0**periods)
-
-
-def _combine(values: Array, periods: int) -> Array:
-    """Return (n^p, p), all combinations of n values."""
-    return np.stack(np.meshgrid(*[values] * periods, indexing="ij"), axis=-1).reshape(-1, periods)
 
 
 def grid_zone(reciprocal: Array, points: int) -> tuple[Array, Array]:

@@ -240,7 +240,6 @@ def plot_bands(
 
 
 def _choose_unit(result: Bands | DensityOfStates) -> HertzPrefix:
-    """Return the decimal unit of hertz for the top frequency of the result."""
     there = result.frequencies if isinstance(result, Bands) else result.frequencies[result.total > 0.0]
     return HertzPrefix.for_top(float(there.max()))
 
@@ -257,12 +256,10 @@ def plot_asymptotes(
     """
     unit = _choose_unit(bands) if unit is None else unit
     if isinstance(velocities, SoundVelocities) and np.ndim(velocities.longitudinal):
-        mend = "Give the velocities at the load of the bands"
-        raise InputError("the velocities are those of several loads", mend=mend)
+        raise InputError("the velocities are those of several loads", mend="Give the velocities at the load of the bands")
     reciprocal = find_reciprocal(bands)
     if isinstance(velocities, SoundVelocities) and len(reciprocal) == 3:
-        what = "the velocities are those of one direction"
-        raise InputError(what, "In space they depend on it", "Give Phonons.lattice")
+        raise InputError("the velocities are those of one direction", "In space they depend on it", "Give Phonons.lattice")
     scales, label = bands.scales, "long waves"
     for s, near, far in ((s, *ends) for s in range(len(bands.qpoints)) for ends in ((0, -1), (-1, 0))):
         start = bands.qpoints[s, near]

@@ -35,7 +35,7 @@ from granphon.balls.packing import Packing
 from granphon.base.errors import FigureError, InputError, brief
 from granphon.base.results import restore
 from granphon.base.scales import HertzPrefix, write_uncertain
-from granphon.base.text import closest
+from granphon.base.text import closest, suggest
 from granphon.figures.bands import name_corners
 from granphon.figures.style import COLOURS, GUIDE, STYLE, VERMILION, pick_evenly, print_hertz
 from granphon.figures.words import (
@@ -268,7 +268,6 @@ def label_axes(ax: Axes, curves: Sequence[Curve], x: str, y: str) -> None:
 
 
 def _make_handle(look: Look, label: str, points: bool) -> Line2D:
-    """Return the entry of the legend for a curve with a look, as points or as a line."""
     line: dict[str, Any] = {"linewidth": min(look.width, 1.6)} | ({"dashes": look.dashes} if look.dashes else {})
     return Line2D([], [], color=look.colour, label=label, **({"marker": look.marker} | _POINTS if points else line))
 
@@ -294,8 +293,7 @@ def _make_remarks(curves: Sequence[Curve]) -> list[Line2D]:
 def read_values(dataset: Dataset, name: str, run: str = "") -> Any:
     """Return a variable over the load; :class:`InputError` if it cannot be drawn, FigureError beyond matplotlib's axes."""
     if name not in dataset.variables:
-        known = ", ".join(map(str, dataset.data_vars))
-        raise InputError(f"the sweep has no variable {name!r}", f"It has {known}")
+        raise InputError(f"the sweep has no variable {name!r}", f"It has {', '.join(map(str, dataset.data_vars))}")
     values = dataset[name]
     if name not in list_quantities(dataset, "fiub"):
         raise InputError(f"{name!r} is not one number at each load", mend="Draw another variable")
@@ -439,10 +437,7 @@ def plot_sweep(
 
 
 def _draw_sweep(dataset: Dataset, ax: Axes, variable: str, x: str | None) -> tuple[list[Curve], list[Line2D]]:
-    """Draw what :func:`plot_sweep` draws, and return its curves and the entries of its legend.
-
-    These are the colours, combinations of parameters, grey if there are several colours, and what holds for all curves.
-    """
+    """Draw what :func:`plot_sweep` draws, and return its curves and the entries of its legend."""
     if dataset.sizes["load"] == 1:  # curves lie over the parameter in numbers that has the most values
         numbers = {name: dataset.sizes[name] for name in list_parameters(dataset) if dataset[name].dtype.kind in "fiu"}
         x = x or next((name for name in numbers if numbers[name] == max(numbers.values()) > 1), None)
@@ -504,7 +499,6 @@ def plot_exponent(dataset: Dataset, ax: Axes, x: str | None = None) -> Axes:
 
 
 def _write_beside(ax: Axes, text: str, value: float, **options: Any) -> None:
-    """Write a text to the right of the panel, at a value of the y axis."""
     place: dict[str, Any] = {"xycoords": ax.get_yaxis_transform(), "xytext": (3, 0), "textcoords": "offset points"}
     ax.annotate(text, (1.0, value), va="center", annotation_clip=False, **place, **options)
 
@@ -523,13 +517,30 @@ def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None
     velocities = {} if variable else velocities
     shown = list(velocities) or [variable or "normal_stiffness"]
     with styled_figure(4.0 if both else 2.6) as figure:
-        ratios = [1.6, 1.0][: 1 + both]
-        axes = figure.subplots(1 + both, sharex=True, squeeze=False, height_ratios=ratios)[:, 0]
+        axes = figure.subplots(1 + both, sharex=True, squeeze=False, height_ratios=[1.6, 1.0][: 1 + both])[:, 0]
         every = [_draw_sweep(dataset, axes[0], one, x) for one in shown]
         # of velocities some may be the same in all directions, which the legend of the others names
         curves, handles = max(every, key=lambda one: len(one[1]))
         if velocities:
-            _name_velocities(axes[0], {velocities[one]: found for one, (found, _) in zip(shown, every, strict=True)})
+            # the symbols of velocities stand beside the right ends of their curves, in one text where these are close
+            drawn = {velocities[one]: found for one, (found, _) in zip(shown, every, strict=True)}
+            scale_axis(axes[0], "y", np.concatenate([curve.y for group in drawn.values() for curve in group]))
+            axes[0].set_ylabel(f"Sound velocity ({CATALOGUE['longitudinal'].unit})")
+            ends: dict[str, float] = {}
+            for name, group in drawn.items():
+                # a path may turn, and end anywhere
+                right = [float(curve.y[np.argmax(curve.x)]) for curve in group]
+                if name != _VELOCITIES[_PULSE] and (known := [value for value in right if np.isfinite(value)]):
+                    ends[name] = max(known)  # the legend names the marks of pulses, which are often near those of long waves
+            to_axes, last = axes[0].transData - axes[0].transAxes, -np.inf
+            together: dict[float, list[str]] = {}
+            for name, value in sorted(ends.items(), key=lambda item: item[1]):
+                height = float(to_axes.transform((axes[0].get_xlim()[0], value))[1])
+                if height - last > 0.06:  # names that stand nearer, over the height of the axes, are written in one
+                    last, together[value] = height, []
+                together[max(together)].append(name)
+            for value, names in together.items():
+                _write_beside(axes[0], ", ".join(names), value)
         if both:
             plot_exponent(dataset, axes[1], x)
             axes[0].set_xlabel("")
@@ -550,28 +561,6 @@ def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None
             handle.set_label(label)
         add_legend(figure, handles, 4, title if alone else None)
     return figure
-
-
-def _name_velocities(ax: Axes, drawn: dict[str, list[Curve]]) -> None:
-    """Write the symbols of velocities beside the right ends of their curves, one text where these are close."""
-    curves = [curve for group in drawn.values() for curve in group]
-    scale_axis(ax, "y", np.concatenate([curve.y for curve in curves]))
-    ax.set_ylabel(f"Sound velocity ({CATALOGUE['longitudinal'].unit})")
-    ends: dict[str, float] = {}
-    for name, group in drawn.items():
-        # a path may turn, and end anywhere
-        right = [float(curve.y[np.argmax(curve.x)]) for curve in group]
-        if name != _VELOCITIES[_PULSE] and (known := [value for value in right if np.isfinite(value)]):
-            ends[name] = max(known)  # the legend names the marks of pulses, which are often near those of long waves
-    to_axes, last = ax.transData - ax.transAxes, -np.inf
-    together: dict[float, list[str]] = {}
-    for name, value in sorted(ends.items(), key=lambda item: item[1]):
-        height = float(to_axes.transform((ax.get_xlim()[0], value))[1])
-        if height - last > 0.06:  # names that stand nearer, over the height of the axes, are written in one
-            last, together[value] = height, []
-        together[max(together)].append(name)
-    for value, names in together.items():
-        _write_beside(ax, ", ".join(names), value)
 
 
 # -- figures of several results ------------------------------------------------------------------------------------------
@@ -647,7 +636,6 @@ def _draw_together(
     results: Sequence[Any] | Mapping[str, Any], ax: Axes, x: str | None = None, y: str | None = None, data: Any = (),
     balls_per_side: int | None = None,
 ) -> _Drawn:  # fmt: skip
-    """Draw what :func:`plot_together` draws, without legend and title."""
     if isinstance(results, Mapping):
         runs = [Run.of(str(name), one, named=True) for name, one in results.items()]
     else:
@@ -697,8 +685,7 @@ def _draw_together(
         if len(units) > 1:
             told = "; ".join(f"{run} has it {f'in {unit}' if unit else 'without a unit'}" for unit, run in units.items())
             what = f"{' and '.join(units.values())} cannot share an axis of {name}"
-            mend = "Take --x force (x='force')" if name == across else "Draw another quantity"
-            raise InputError(what, told, mend)
+            raise InputError(what, told, "Take --x force (x='force')" if name == across else "Draw another quantity")
     for curve in curves:
         if not np.all(np.isfinite(curve.x)):
             why = "It is infinite for equal balls" if across == "reduced_force" else ""
@@ -766,7 +753,6 @@ class Run:
 
 
 def _tabulate_fit(name: str, fit: WidthFit, named: bool) -> Run:
-    """Return the measured velocities of a fit, and its line over the force, as data sets of states."""
     frequency, branch, finite = fit.waves.frequency, fit.waves.branch, fit.waves.finite_overlap
     several = np.ndim(frequency) > 0  # a fit of pulses that each have a frequency is known at the data alone
     force = fit.force if several else np.geomspace(fit.force.min(), fit.force.max(), 200)
@@ -777,8 +763,7 @@ def _tabulate_fit(name: str, fit: WidthFit, named: bool) -> Run:
     def make(force: Array, velocity: Array, points: bool, **more: Array) -> Dataset:
         state = choice.of(fit.packing).at_force(force, finite_overlap=finite)
         values = {load: np.asarray(getattr(state, load), float) for load in loads} | {branch: velocity} | more
-        attributes = {"finite_overlap": int(finite), "points": int(points)}
-        return tabulate(fit.packing, fit.medium, force, values, attributes)
+        return tabulate(fit.packing, fit.medium, force, values, {"finite_overlap": int(finite), "points": int(points)})
 
     velocity = fit.velocities if several else fit.velocity_at(force)
     facts = {"spread": f"fitted W = {write_width(fit)}"} if "width" in fit.parameters else {}
@@ -807,11 +792,9 @@ def choose_axes(runs: Sequence[Run], x: str | None, y: str | None) -> tuple[str,
         if not (turned := all(run.dataset is not None and load in run.dataset.coords for run in runs)):
             load = load.lower().replace(" ", "_")
         if load not in _LOADS and not turned:
-            meant = closest(load, _LOADS)
             data = runs[0].dataset
             own = [] if data is None else [one for one in list_parameters(data) if data[one].dtype.kind in "fiu"]
-            mend = f"Did you mean {meant}?" if meant else "Use " + ", ".join((*_LOADS, *own))
-            raise InputError(f"{x!r} is no load", mend=mend)
+            raise InputError(f"{x!r} is no load", mend=suggest(load, (*_LOADS, *own)))
         if without := [run for run in runs if load not in run.quantities]:
             what = f"{_list(without)} {'has' if len(without) == 1 else 'have'} no {load}"
             held = ", ".join(one for one in _LOADS if one in common) or "figures of their own"
@@ -837,7 +820,6 @@ def choose_axes(runs: Sequence[Run], x: str | None, y: str | None) -> tuple[str,
 
 
 def _list(runs: Sequence[Run]) -> str:
-    """Return the names of runs in words."""
     return " and ".join(", ".join(run.name for run in runs).rsplit(", ", 1))
 
 
@@ -855,7 +837,6 @@ def _find_ratio(runs: Sequence[Run], x: str, mend: str = "Draw over the force") 
 
 
 def _read_points(given: Any, runs: Sequence[Run], x: str, y: str, balls: int | None) -> Curve:
-    """Return measured velocities, read from a file if need be, as a curve."""
     entry = CATALOGUE.get(y)
     if entry is None or entry.cost not in ("velocities", "pulse") or entry.unit != "m/s":
         raise InputError(f"measured velocities share no axis with {y}", mend="Take a velocity, as longitudinal")
@@ -914,7 +895,6 @@ def _write_legend(curves: Sequence[Curve]) -> tuple[list[tuple[str, str]], list[
 
 
 def _draw_curves(ax: Axes, found: list[Curve], measured: list[Curve], x: str, y: str) -> _Drawn:
-    """Draw curves, those that are measured as points; single states of the same facts are one curve of points."""
     models, single = list[Curve](), set[int]()
     for curve in (one for one in found if not one.measured):
         alike = [n for n, other in enumerate(models) if other.facts == curve.facts and other.units == curve.units]

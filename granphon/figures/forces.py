@@ -150,8 +150,7 @@ def _draw_chains(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> LineCollect
         mend = f"Give edges inside the array, in {'diameters' if layer.network is None else 'm'}"
         raise InputError("no ball of the array is in the window", mend=mend)
     # printed size of a diameter, in points, estimated because the layout is not known yet
-    size = (high - low) / layer.diameter
-    points = float(np.min(72.0 * figure.get_size_inches() * ax.get_position().size / size))
+    points = float(np.min(72.0 * figure.get_size_inches() * ax.get_position().size / (high - low))) * layer.diameter
     if len(sites) <= 700:  # more are not outlined
         style: dict[str, Any] = {"facecolors": colours, "edgecolors": "0.7", "linewidths": 0.4, "gid": "balls"}
         place = {"offsets": sites, "offset_transform": ax.transData}
@@ -222,7 +221,6 @@ class _Map:
 
 
 def _find_layer(sample: Sample) -> _Map:
-    """Return the balls of a sample that are drawn, in a plane, with the contacts between them."""
     structure, p = sample.packing.structure, len(sample.shape)
     rows, columns = (*sample.shape, 1)[:2]
     vectors = np.eye(3)
@@ -270,14 +268,12 @@ def _find_layer(sample: Sample) -> _Map:
 
 
 def _sum_forces(i: NDArray[np.intp], j: NDArray[np.intp], force: Array, count: int) -> tuple[Array, Array]:
-    """Return of each of ``count`` balls the sum of the forces of its contacts, and the number of these."""
     ends = np.concatenate([i, j])
     sums = np.bincount(ends, np.concatenate([force, force]), count)
     return np.asarray(sums, float), np.bincount(ends, minlength=count).astype(float)
 
 
 def _project(network: ContactNetwork) -> _Map:
-    """Return the balls and contacts of a network, seen along z."""
     sums, counts = _sum_forces(network.i, network.j, network.normal_force, network.n_balls)
     shown = np.flatnonzero(np.isfinite(network.radii))  # balls, and no flat walls; the lowest come first
     shown = shown[np.argsort(network.positions[shown, 2], kind="stable")]
@@ -303,8 +299,7 @@ def _project(network: ContactNetwork) -> _Map:
         apart = np.any(network.shift != 0, axis=1) | flat[0] | flat[1]
         lines, forces = [np.stack([centres[i], centres[j]], axis=1)[~apart]], [network.normal_force[~apart]]
         for end, arm, wall in zip((i, j), (network.arm_i, -network.arm_j), flat, strict=True):
-            touch = centres[end] + arm[:, None] * network.normal
-            lines.append(np.stack([centres[end], touch], axis=1)[apart & ~wall])
+            lines.append(np.stack([centres[end], centres[end] + arm[:, None] * network.normal], axis=1)[apart & ~wall])
             forces.append(network.normal_force[apart & ~wall])
         return np.concatenate(lines)[..., :2], np.concatenate(forces)
 
@@ -318,7 +313,6 @@ def _project(network: ContactNetwork) -> _Map:
 
 
 def _write_title(sample: Sample) -> str:
-    """Return the title: f* and a* (for equal balls the force, N), and N_c."""
     state, contacts = sample.equilibrium, f"$N_c$ = {sample.contact_fraction():.3f}"
     if not sample.packing.width:
         return f"$f$ = {sample.force:.4g} N, {contacts}"

@@ -136,8 +136,35 @@ def plot_network_mode(
     out, and so are flat walls. Of more than 500 balls those are drawn that have most of the kinetic energy; the title says
     so.
     """
-    motion = _find_network_motion(modes, mode)
-    motion.draw(ax, phase, view or motion.view, positive("size", size))
+    network, count = modes.network, len(modes.frequencies)
+    mode, moving, d = whole_number("mode", mode, 0, count - 1), network.ball_motions, network.scales.length
+    vectors = modes.vectors[mode]
+    energy = np.where(np.isfinite(network.radii), np.sum(vectors**2, axis=1), -1.0)
+    balls = np.sort(np.argsort(-energy, kind="stable")[: min(500, np.count_nonzero(energy >= 0.0))])
+    place = np.full(network.n_balls, -1)
+    place[balls] = np.arange(balls.size)
+    pairs = np.stack([place[network.i], place[network.j]], axis=1)
+    pairs = pairs[np.all(pairs >= 0, axis=1) & ~np.any(network.shift, axis=1)]
+    motion = vectors[balls] / np.sqrt(network.masses[balls])[:, None]
+    gyration, free = np.ones(balls.size), network.moving[balls]
+    gyration[free] = np.sqrt(network.inertias[balls][free] / network.masses[balls][free]) / d
+    u, w = np.zeros((2, balls.size, 3))
+    u[:, list(moving.translations)] = motion[:, : modes.displacements]
+    w[:, list(moving.rotations)] = motion[:, modes.displacements :]
+    scale = _LARGEST / max(_find_amplitude(u), _find_amplitude(w))
+    hertz = float(modes.frequencies[mode])
+    unit = HertzPrefix.for_top(hertz)
+    part = f", rotation {100.0 * float(modes.rotational_fraction[mode]):.0f} %" if moving.rotate else ""
+    names = network.kinds or [""] * network.n_balls
+    kinds = colour_kinds(itertools.compress(names, network.moving))
+    few = f", {balls.size} of {network.n_balls} balls" if balls.size < network.n_balls - np.sum(energy < 0.0) else ""
+    said = f"{hertz / unit.hertz:.1f} {print_hertz(unit)}{part}\nparticipation {modes.participation_ratio[mode]:.2g}{few}"
+    found = _Motion(
+        network.positions[balls] / d, network.radii[balls] / d, pairs, scale * u, scale * w / gyration[:, None], gyration,
+        moving.rotate, network.dimension < 3 and 2 not in moving.translations and set(moving.rotations) <= {2}, said,
+        [kinds.get(names[ball], _BALL) if network.moving[ball] else "0.75" for ball in balls.tolist()], kinds,
+    )  # fmt: skip
+    found.draw(ax, phase, view or found.view, positive("size", size))
     return ax
 
 
@@ -177,7 +204,6 @@ def animate_mode(
 def _find_motion(
     phonons: Phonons, q: ArrayLike, branch: int, cells: tuple[int, ...] | None, direction: ArrayLike | None
 ) -> _Motion:
-    """Find the motion of the balls that are drawn in the mode of ``branch`` at ``q``."""
     modes = phonons.modes([real_array("q", q)], direction)
     count = modes.frequencies.shape[1]
     if not 0 <= branch < count:
@@ -209,38 +235,6 @@ def _find_motion(
         places, radii, pairs, scale * u[balls] * wave, (scale * w / lattice.gyration[:, None])[balls] * wave,
         lattice.gyration[balls], moving.rotate,
         planar, f"q = ({fractions})\n{said}{part}", [kinds.get(names[ball], _BALL) for ball in balls.tolist()], kinds,
-    )  # fmt: skip
-
-
-def _find_network_motion(modes: NetworkModes, mode: int) -> _Motion:
-    """Find the motion of the balls that are drawn in a mode of a network."""
-    network, count = modes.network, len(modes.frequencies)
-    mode, moving, d = whole_number("mode", mode, 0, count - 1), network.ball_motions, network.scales.length
-    vectors = modes.vectors[mode]
-    energy = np.where(np.isfinite(network.radii), np.sum(vectors**2, axis=1), -1.0)
-    balls = np.sort(np.argsort(-energy, kind="stable")[: min(500, np.count_nonzero(energy >= 0.0))])
-    place = np.full(network.n_balls, -1)
-    place[balls] = np.arange(balls.size)
-    pairs = np.stack([place[network.i], place[network.j]], axis=1)
-    pairs = pairs[np.all(pairs >= 0, axis=1) & ~np.any(network.shift, axis=1)]
-    motion = vectors[balls] / np.sqrt(network.masses[balls])[:, None]
-    gyration, free = np.ones(balls.size), network.moving[balls]
-    gyration[free] = np.sqrt(network.inertias[balls][free] / network.masses[balls][free]) / d
-    u, w = np.zeros((2, balls.size, 3))
-    u[:, list(moving.translations)] = motion[:, : modes.displacements]
-    w[:, list(moving.rotations)] = motion[:, modes.displacements :]
-    scale = _LARGEST / max(_find_amplitude(u), _find_amplitude(w))
-    hertz = float(modes.frequencies[mode])
-    unit = HertzPrefix.for_top(hertz)
-    part = f", rotation {100.0 * float(modes.rotational_fraction[mode]):.0f} %" if moving.rotate else ""
-    names = network.kinds or [""] * network.n_balls
-    kinds = colour_kinds(itertools.compress(names, network.moving))
-    few = f", {balls.size} of {network.n_balls} balls" if balls.size < network.n_balls - np.sum(energy < 0.0) else ""
-    said = f"{hertz / unit.hertz:.1f} {print_hertz(unit)}{part}\nparticipation {modes.participation_ratio[mode]:.2g}{few}"
-    return _Motion(
-        network.positions[balls] / d, network.radii[balls] / d, pairs, scale * u, scale * w / gyration[:, None], gyration,
-        moving.rotate, network.dimension < 3 and 2 not in moving.translations and set(moving.rotations) <= {2}, said,
-        [kinds.get(names[ball], _BALL) if network.moving[ball] else "0.75" for ball in balls.tolist()], kinds,
     )  # fmt: skip
 
 
@@ -276,10 +270,7 @@ def _place_balls(lattice: ContactLattice, cells: tuple[int, ...] | None) -> tupl
 
 
 def _draw_plane(ax: Axes, motion: _Motion, shift: Array, angles: Array) -> None:
-    """Draw discs with their displacements (m, 2) and angles (m,).
-
-    For each ball that turns: the sector from the upright to its mark, its arc with an arrowhead, and the marked diameter.
-    """
+    """Draw discs with displacements (m, 2) and angles (m,), each with its sector, its arc with a head, a marked diameter."""
     centres, radii = motion.places[:, :2], motion.radii
     balls = [Circle((x, y), r) for (x, y), r in zip(centres, radii, strict=True)]
     ax.add_collection(
@@ -288,8 +279,7 @@ def _draw_plane(ax: Axes, motion: _Motion, shift: Array, angles: Array) -> None:
     if motion.rotate:
 
         def at(distance: Array, angle: Array) -> Array:
-            arms = distance[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-            return np.asarray(centres[:, None] + arms)
+            return np.asarray(centres[:, None] + distance[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
 
         ways = [VERMILION if angle >= 0.0 else BLUE for angle in angles]  # anticlockwise, clockwise
         rim, end = 0.72 * radii, _MARK + angles[:, None]
@@ -347,8 +337,7 @@ def _draw_spheres(
             seen = np.flatnonzero(view.nearness(circle) >= 0.0)
             for part in np.split(seen, np.flatnonzero(np.diff(seen) > 1) + 1):
                 if len(part) > 1:
-                    nearness = float(view.nearness(centre))
-                    painter.add_line(centre + radius * circle[part], "0.3", 0.5, nearness=nearness)
+                    painter.add_line(centre + radius * circle[part], "0.3", 0.5, nearness=float(view.nearness(centre)))
         for arrow, colour in () if moved else ((u, "black"), (scale * phi, VERMILION)):
             length = float(np.linalg.norm(arrow))
             if length > _LEAST:
@@ -378,5 +367,4 @@ def _draw_spheres(
 
 def _find_amplitude(motion: NDArray[Any]) -> float:
     """Return the largest of the vectors (n, 3) in a period; on an elliptic path, the longer half axis."""
-    longest = np.sqrt(0.5 * (np.sum(np.abs(motion) ** 2, axis=1) + np.abs(np.sum(motion * motion, axis=1))))
-    return float(longest.max())
+    return float(np.sqrt(0.5 * (np.sum(np.abs(motion) ** 2, axis=1) + np.abs(np.sum(motion * motion, axis=1)))).max())

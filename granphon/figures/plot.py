@@ -8,7 +8,7 @@ from inspect import signature
 from typing import TYPE_CHECKING, Any
 
 from granphon.base.errors import InputError, brief
-from granphon.networks.network import refuse_unpressed
+from granphon.networks.network import ContactNetwork, refuse_unpressed
 from granphon.runs.dataset import find_dataset
 
 if TYPE_CHECKING:
@@ -23,16 +23,16 @@ _PICTURES: dict[str, tuple[str, str, str, float]] = {
     "granphon.Bands": ("bands", "bands_figure", "bands", 0.0),
     "granphon.DensityOfStates": ("bands", "bands_figure", "dos", 0.0),
     "granphon.WidthFit": ("curves", "fit_figure", "fit", 0.0),
-    "granphon.DampingFit": ("responses", "transfer_fit_figure", "fit", 0.0),
+    "granphon.DampingFit": ("waves", "transfer_fit_figure", "fit", 0.0),
     "granphon.TradeOff": ("work_precision", "tradeoff_figure", "result", 0.0),
     "granphon.PathSpectra": ("waves", "spectrum_figure", "spectra", 0.0),
     "granphon.SpectralFunction": ("waves", "plot_lines", "spectrum", 2.6),
     "granphon.SpectralDensity": ("waves", "plot_sample_dos", "dos", 2.4),
     "granphon.SurfaceSpectrum": ("waves", "plot_surface", "spectrum", 3.1),
-    "granphon.Transmission": ("responses", "plot_transmission", "result", 2.3),
-    "granphon.ComplexBands": ("responses", "complex_bands_figure", "bands", 0.0),
+    "granphon.Transmission": ("waves", "plot_transmission", "result", 2.3),
+    "granphon.ComplexBands": ("waves", "complex_bands_figure", "bands", 0.0),
     "granphon.Motion": ("motions", "motion_figure", "motion", 0.0),
-    "granphon.Response": ("responses", "response_figure", "response", 0.0),
+    "granphon.Response": ("waves", "response_figure", "response", 0.0),
     "granphon.Pulse": ("waves", "pulse_figure", "pulse", 0.0),
     "granphon.NetworkModes": ("modes", "plot_network_mode", "modes", 3.4),
     "granphon.ContactNetwork": ("forces", "plot_forces", "sample", 0.0),
@@ -41,7 +41,7 @@ _PICTURES: dict[str, tuple[str, str, str, float]] = {
 }
 #: the same for what is found of the network of each state of a data set, by the block of the scene
 _OF_STATES = {
-    "response": ("responses", "responses_figure", "dataset", 0.0), "motion": ("motions", "motions_figure", "dataset", 0.0),
+    "response": ("waves", "responses_figure", "dataset", 0.0), "motion": ("motions", "motions_figure", "dataset", 0.0),
 }  # fmt: skip
 
 
@@ -78,10 +78,8 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
     given = {} if known is None else {known[2]: result}
     if (dataset := find_dataset(result)) is not None:  # of the result of a scene the spectra come first
         if "load" not in dataset.dims:
-            why = "Its picture is over the load, and one was chosen, or their mean taken"
-            raise InputError(
-                "the data set has no dimension 'load'", why, "Keep all loads, or choose by a list: isel(load=[0])"
-            )
+            why, mend = "Its picture is over the load, and one was chosen, or their mean taken", "isel(load=[0])"
+            raise InputError("the data set has no dimension 'load'", why, f"Keep all loads, or choose by a list: {mend}")
         spectra = {name: getattr(result, name, None) for name in ("bands", "dos")}
         known, given = _PICTURES["xarray.Dataset"], {"dataset": dataset}
         if dataset is not result and any(one is not None for one in spectra.values()):
@@ -94,7 +92,12 @@ def plot(result: Any, *, axes: Axes | None = None, **options: Any) -> Figure:
             marks = {"response_phase": "response", "motion_force": "motion"}
             known = next((_OF_STATES[block] for mark, block in marks.items() if mark in dataset), known)
     if known is None:
-        known, given = _PICTURES["granphon.ContactNetwork"], _find_network(result)
+        # what the figure of a network takes for a state or a sample: its network, or several small cells of it
+        known, network = _PICTURES["granphon.ContactNetwork"], getattr(result, "network", None)
+        if isinstance(network, ContactNetwork):
+            periods = sum(network.pbc)
+            few = periods > 0 and network.n_balls <= 8  # of which some cells are drawn
+            given = {"sample": network.repeat(((8, 4, 2)[periods - 1],) * periods) if few else network}
     if not given or (kinds[0] == "xarray.Dataset" and dataset is None):
         refuse_unpressed(result)
         words = (
@@ -120,18 +123,6 @@ def draw_states(dataset: Any, block: str) -> Figure:
     return figure
 
 
-def _find_network(result: Any) -> dict[str, Any]:
-    """Return what the figure of a network takes for a state or a sample: its network, or several small cells of it."""
-    from granphon.networks.network import ContactNetwork
-
-    network = getattr(result, "network", None)
-    if not isinstance(network, ContactNetwork):
-        return {}
-    periods = sum(network.pbc)
-    few = periods > 0 and network.n_balls <= 8  # of which some cells are drawn
-    return {"sample": network.repeat(((8, 4, 2)[periods - 1],) * periods) if few else network}
-
-
 def _show(figure: Any) -> Figure:
     """Return a plain figure, as the functions make it, as a picture that shows itself, whether pyplot is loaded or not."""
     from granphon.figures.scales import Picture
@@ -141,7 +132,6 @@ def _show(figure: Any) -> Figure:
 
 
 def _require_options(draw: Callable[..., Any], name: str, given: dict[str, Any], options: dict[str, Any]) -> None:
-    """Raise InputError for an option that the function does not have."""
     allowed = [one for one in signature(draw).parameters if one not in given]
     if unknown := [one for one in options if one not in allowed]:
         mend = f"It has {', '.join(allowed)}" if allowed else "It has none"

@@ -185,8 +185,7 @@ def add_bar(ax: Axes, drawn: Any, label: str) -> Any:
 
 def add_part_bar(ax: Axes, colours: Colormap, label: str) -> None:
     """Draw above an Axes the colour bar of a part, which goes from 0 to 1."""
-    bar = add_bar(ax, ScalarMappable(Normalize(0.0, 1.0), colours), label)
-    bar.set_ticks([0.0, 0.5, 1.0], labels=["0", "0.5", "1"])
+    add_bar(ax, ScalarMappable(Normalize(0.0, 1.0), colours), label).set_ticks([0.0, 0.5, 1.0], labels=["0", "0.5", "1"])
 
 
 def draw_densities(ax: Axes, curves: Iterable[tuple[Any, str, Array, Array, Array]], least: float = 1e-6) -> None:
@@ -306,9 +305,6 @@ def _list_round_numbers(low: float, high: float) -> Iterator[tuple[Array, Array]
         yield ticks, ticks[0] + step / within * np.arange(within * (ticks.size - 1) + 1)
 
 
-# -- fonts --------------------------------------------------------------------------------------------------------------
-
-
 def describe_fonts() -> list[tuple[str, str]]:
     """Return rows of a name and a text: the font, whether the letters of figures are drawn, and matplotlib's folder.
 
@@ -334,14 +330,12 @@ def describe_fonts() -> list[tuple[str, str]]:
     try:  # without the name of a user
         where = f"~/{folder.relative_to(Path.home()).as_posix()}"
     except (ValueError, RuntimeError):
-        named = "MPLCONFIGDIR" in os.environ
-        where = "the folder that MPLCONFIGDIR names" if named else "a folder outside the home folder"
+        where = "the folder that MPLCONFIGDIR names" if "MPLCONFIGDIR" in os.environ else "a folder outside the home folder"
     rows.append(("config folder", f"{where}, {'writable' if os.access(folder, os.W_OK) else 'not writable'}"))
     return rows
 
 
 def _draw_text(text: str) -> str:
-    """Draw a text; return what went wrong, an empty text if nothing did."""
     with warnings.catch_warnings(), matplotlib.rc_context(STYLE):
         warnings.simplefilter("error")
         try:

@@ -40,15 +40,7 @@ _CUTS = (((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), ((1.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
 
 
 def _find_slowness(state: State, directions: Array) -> tuple[Array, Array, Array]:
-    """Return slowness (n, b), s/km, longitudinal part (n, b) and polarisations (n, u, b) in the ``directions`` (n, p).
-
-    The waves are in the order of ``state.wave_names``. Flexural waves, which have no velocity, are left out.
-
-    Raises
-    ------
-    InputError : the state has several loads, or the lattice has one period.
-    MechanismError : a motion of the lattice costs no energy.
-    """
+    """Return slowness (n, b), s/km, longitudinal part (n, b) and polarisations (n, u, b) in the ``directions`` (n, p)."""
     periods = state.reference_lattice.periods
     if periods == 1:
         raise InputError(f"the {state.name} has one period", "Its sound has one direction", "Use sound_velocities")
@@ -92,8 +84,7 @@ def plot_slowness(state: Any, ax: Axes, *, plane: ArrayLike | None = None, color
     try:
         first, second = (one_direction(way, 3) for way in np.asarray(_CUTS[0] if plane is None else plane, dtype=np.float64))
     except (TypeError, ValueError) as error:
-        what = "plane is not two directions in space"
-        raise InputError(what, str(error), "Give ((1, 0, 0), (0, 1, 0))") from None
+        raise InputError("plane is not two directions in space", str(error), "Give ((1, 0, 0), (0, 1, 0))") from None
     second = second - (first @ second) * first
     if np.linalg.norm(second) < 1e-9:
         raise InputError("the two directions of plane are parallel", mend="Give ((1, 0, 0), (0, 1, 0))")
@@ -122,7 +113,12 @@ def plot_slowness(state: Any, ax: Axes, *, plane: ArrayLike | None = None, color
     far = 1.12 * float(slowness.max())
     for draw in (ax.axhline, ax.axvline):
         draw(0.0, color=FRAME, linewidth=0.5, zorder=0.5)
-    names = ("x", "y") if periods == 2 else tuple(map(_name_direction, span))
+    names = ["x", "y"]
+    for n, way in enumerate(span if periods == 3 else ()):  # sums of unit vectors: "x", "x+y", "−x+2z", "0.6x+0.8z"
+        whole = way / np.abs(way[np.abs(way) > 1e-9]).min()
+        printed = np.rint(whole) if np.allclose(whole, np.rint(whole), atol=1e-6) else np.round(way, 2)
+        terms = "".join(f"{x:+g}{letter}" for x, letter in zip(printed, "xyz", strict=True) if x)
+        names[n] = re.sub(r"(?<![\d.])1(?=[xyz])", "", terms).removeprefix("+").replace("-", "−")
     ax.set(xlabel=f"Slowness, {names[0]} ({_LABEL})", ylabel=f"Slowness, {names[1]} ({_LABEL})")
     ax.set(xlim=(-far, far), ylim=(-far, far), aspect="equal")
     for axis in (ax.xaxis, ax.yaxis):
@@ -131,15 +127,6 @@ def plot_slowness(state: Any, ax: Axes, *, plane: ArrayLike | None = None, color
     if colorbar:
         add_part_bar(ax, POLARISATION, _PART)
     return ax
-
-
-def _name_direction(way: Array) -> str:
-    """Return the name of a direction as it is printed, a sum of unit vectors: "x", "x+y", "−x+2z", "0.6x+0.8z"."""
-    there = np.abs(way) > 1e-9
-    whole = way / np.abs(way[there]).min()
-    shown = np.rint(whole) if np.allclose(whole, np.rint(whole), atol=1e-6) else np.round(way, 2)
-    terms = [f"{x:+g}{axis}" for x, axis in zip(shown, "xyz", strict=True) if x]
-    return re.sub(r"(?<![\d.])1(?=[xyz])", "", "".join(terms)).removeprefix("+").replace("-", "−")
 
 
 def plot_slowness_surface(state: Any, ax: Axes, *, view: View | None = None, colorbar: bool = True) -> Axes:

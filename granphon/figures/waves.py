@@ -1,8 +1,13 @@
-"""Figures of waves in networks: spectral functions, attenuation, densities of states, of edges and loads too; pulses."""
+"""Figures of waves in networks: spectral functions, attenuation, densities of states, of edges and loads too; pulses.
+
+Over the frequency there are responses, in dB, with their phase and over the load; fits to transfer functions; and what
+passes, which is told by complex bands, and by what passes a strip between crystals.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
 
@@ -44,17 +49,27 @@ from granphon.figures.style import (
     print_hertz,
 )
 from granphon.figures.words import find_differing, write_value
+from granphon.fits.transfer import DampingFit
 from granphon.networks.network import ContactNetwork
+from granphon.observables.catalogue import CATALOGUE, axis_label
+from granphon.phonons.bands import ComplexBands
 from granphon.phonons.surfaces import SurfaceBranches, SurfaceSpectrum
 from granphon.runs.dataset import Dataset, find_load
 from granphon.waves.dos import SpectralDensity
 from granphon.waves.path_spectra import PathSpectra
 from granphon.waves.pulses import Pulse
+from granphon.waves.response import QUANTITIES, Response
+from granphon.waves.settings import RESPONSES
 from granphon.waves.spectral_functions import SpectralFunction
+from granphon.waves.transmission import Transmission
 
 Array = NDArray[np.float64]
 #: ratio of the darkest to the lightest shade of a spectral function
 _SHADES = 1e3
+#: number of receivers up to which each has a colour and an entry of the legend
+_FEW = len(COLOURS)
+#: greatest number of maps or of places
+_PANELS = 4
 
 
 def plot_spectrum(spectra: PathSpectra, ax: Axes, number: int = 0, *, bands: bool = True, peaks: bool = True) -> Axes:
@@ -82,9 +97,24 @@ def plot_spectrum(spectra: PathSpectra, ax: Axes, number: int = 0, *, bands: boo
     if edges_y[-1] < top / unit.hertz:  # nothing is above the highest frequency
         edges_y, values = np.append(edges_y, top / unit.hertz), np.pad(values, ((0, 0), (0, 1)))
     corners = spectra.corners
-    edges_x, owner = _find_columns(x, corners)
+    # the edges (n + 1,) of columns along the path, and which point each shows; -1 where no point lies on that leg
+    near, edges_x, owners = 1e-9 * float(corners[-1]), [float(corners[0])], list[int]()
+    for n, (here, after) in enumerate(zip(x, [*x[1:], np.inf], strict=True)):
+        if not n and (before := corners[1:][corners[1:] < here - near]).size:
+            edges_x.append(float(before[-1]))
+            owners.append(-1)
+        owners.append(n)
+        between = corners[(corners > here + near) & (corners < after - near)]
+        if not between.size:  # the last point may be at the end of the path
+            edges_x.append(0.5 * float(here + after) if np.isfinite(after) else float(corners[-1]))
+            continue
+        edges_x.append(float(between[0]))
+        if between.size > 1:
+            edges_x.append(float(between[-1]))
+            owners.append(-1)
+    owner = np.array(owners)
     shown = np.where(owner[:, None] < 0, np.nan, values[owner])
-    _draw_map(ax, edges_x, edges_y, shown, f"Spectral function, {one.polarisation}", unit, gid="spectral-function")
+    _draw_map(ax, np.array(edges_x), edges_y, shown, f"Spectral function, {one.polarisation}", unit, gid="spectral-function")
     if bands:
         label = "bands of the mean lattice"
         per = spectra.band_distances.size // (len(corners) - 1)
@@ -160,29 +190,6 @@ def plot_surface(spectrum: SurfaceSpectrum, ax: Axes, *, branches: SurfaceBranch
     ax.set(ylabel=f"Frequency ({print_hertz(unit)})", xlim=(x.min(), x.max()), ylim=(0.0, y[-1]))
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
     return ax
-
-
-def _find_columns(x: Array, corners: Array) -> tuple[Array, NDArray[np.intp]]:
-    """Return the edges (n + 1,) of columns along a path, and for each column (n,) which of the points ``x`` it shows.
-
-    -1 stands for none: no point lies on that leg.
-    """
-    near = 1e-9 * float(corners[-1])
-    edges, owner = [float(corners[0])], []
-    for n, (here, after) in enumerate(zip(x, [*x[1:], np.inf], strict=True)):
-        if not n and (before := corners[1:][corners[1:] < here - near]).size:
-            edges.append(float(before[-1]))
-            owner.append(-1)
-        owner.append(n)
-        between = corners[(corners > here + near) & (corners < after - near)]
-        if not between.size:  # the last point may be at the end of the path
-            edges.append(0.5 * float(here + after) if np.isfinite(after) else float(corners[-1]))
-            continue
-        edges.append(float(between[0]))
-        if between.size > 1:
-            edges.append(float(between[-1]))
-            owner.append(-1)
-    return np.array(edges), np.array(owner)
 
 
 def spectrum_figure(spectra: PathSpectra) -> Figure:
@@ -264,9 +271,6 @@ def plot_sample_dos(dos: SpectralDensity, ax: Axes) -> Axes:
     return ax
 
 
-# -- over loads ---------------------------------------------------------------------------------------------------------
-
-
 def sweep_dos_figure(dataset: Dataset) -> Figure:
     """Draw a figure, one column wide, of the densities of states of the arrays of a sweep, with standard errors as bands.
 
@@ -335,12 +339,8 @@ def choose_states(dataset: Dataset, name: str, what: str) -> tuple[list[tuple[An
     if name not in dataset:
         raise InputError(f"the sweep has no {what}", mend="Draw another figure")
     load = find_load(dataset)
-    values, unit, lines, found = (
-        dataset[load].values,
-        dataset[load].attrs.get("units", ""),
-        describe_lines(dataset, name),
-        [],
-    )
+    values, unit = dataset[load].values, dataset[load].attrs.get("units", "")
+    lines, found = describe_lines(dataset, name), []
     kinds, _ = find_differing([facts for facts, _ in lines])
     for at in np.argsort(values, kind="stable").tolist():
         size = write_value(float(values[at]), unit)
@@ -351,8 +351,7 @@ def choose_states(dataset: Dataset, name: str, what: str) -> tuple[list[tuple[An
     shades = colormaps["viridis"](np.linspace(0.0, 0.85, len(chosen)) if len(chosen) > 1 else [0.3])  # its end is too pale
 
     def take(place: dict[str, int], variable: str, polarisation: int = 0) -> Array:
-        at = place | {"polarisation": polarisation}
-        return np.asarray(dataset[variable].isel(at, missing_dims="ignore"), float)
+        return np.asarray(dataset[variable].isel(place | {"polarisation": polarisation}, missing_dims="ignore"), float)
 
     states, handles = list[tuple[Any, Callable[..., Array]]](), list[Line2D]()
     for shade, n in zip(shades.tolist(), chosen, strict=True):
@@ -451,3 +450,178 @@ def animate_pulse(network: ContactNetwork, pulse: Pulse, interval: float = 60.0,
 
     draw: Callable[..., Any] = show
     return FuncAnimation(figure, draw, frames=len(pulse.frames), interval=interval, blit=False)
+
+
+def _label_decibels(name: str) -> str:
+    unit = CATALOGUE[name].unit
+    return f"{CATALOGUE[name].label} (dB{'' if unit == '1' else f' re 1 {unit}'})"
+
+
+def _find_decibels(magnitude: Array) -> Array:
+    return 20.0 * np.log10(np.where(magnitude > 0.0, magnitude, np.nan))
+
+
+def _draw_lines(
+    above: Axes, below: Axes, frequencies: Array, name: str, lines: Iterable[tuple[Array, Array, Any, float, str]]
+) -> None:
+    """Draw magnitude and phase over frequencies, Hz: (magnitude, phase, colour, width, label) of each line."""
+    prefix = HertzPrefix.for_top(float(frequencies[-1]))
+    f = frequencies / prefix.hertz
+    for magnitude, phase, colour, width, label in lines:
+        above.plot(f, _find_decibels(magnitude), color=colour, linewidth=width, label=label or None)
+        below.plot(f, phase / math.pi, color=colour, linewidth=width)
+    above.set(ylabel=_label_decibels(name))
+    below.set(xlabel=f"Frequency ({print_hertz(prefix)})", ylabel="Phase (π)", xlim=(f[0], f[-1] if len(f) > 1 else None))
+
+
+def plot_response(response: Response, above: Axes, below: Axes) -> tuple[Axes, Axes]:
+    """Draw magnitudes, in dB over one SI unit, and phases, in units of pi, of all receivers over frequency.
+
+    Of more than six receivers, those of a plane say, each is a thin grey line, and their mean is a strong one.
+    """
+    few = len(response.receivers) <= _FEW
+    balls = zip(response.values.T, COLOURS if few else [GUIDE] * len(response.receivers), response.receivers, strict=False)
+    lines = [(values, colour, 1.2 if few else 0.4, f"ball {ball}" if few else "") for values, colour, ball in balls]
+    lines += [] if few else [(response.coherent, COLOURS[0], 1.4, "mean")]
+    shown = ((np.abs(one), np.unwrap(np.angle(one)), *style) for one, *style in lines)
+    _draw_lines(above, below, response.frequencies, RESPONSES[response.quantity], shown)
+    if len(response.receivers) > 1:
+        above.legend()
+    return above, below
+
+
+def response_figure(response: Response) -> Figure:
+    """Draw a figure, one column wide: magnitude above, phase below."""
+    with styled_figure(3.6) as figure:
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
+        plot_response(response, above, below)
+    return figure
+
+
+def responses_figure(dataset: Dataset) -> Figure:
+    """Draw the responses in a data set of states, one column wide.
+
+    Of one state they are magnitude and phase of each receiver. Of several states magnitude and phase are drawn for each
+    receiver, a state in each colour; of six loads and more the magnitude is a map over load and frequency, for each
+    receiver and each medium and combination of parameters. Of more than eight states, and four
+    receivers or maps, so many are drawn, evenly taken, and the figure says so.
+
+    Raises :class:`~granphon.base.errors.InputError` if the data set has no responses.
+    """
+    name = next((one for one in RESPONSES.values() if one in dataset), "receptance")
+    states, handles = choose_states(dataset, name, "responses")
+    if dataset.sizes["load"] >= 6:
+        return _map_figure(dataset, name)
+    places, f = dataset["receiver"].values.astype(str).tolist(), dataset["response_frequency"].values
+    chosen = pick_evenly(len(places), _FEW if len(states) == 1 else _PANELS)
+    with styled_figure(3.6 * (1 if len(states) == 1 else len(chosen))) as figure:
+        groups = [chosen] if len(states) == 1 else [[number] for number in chosen]
+        panels = figure.subplots(2 * len(groups), 1, squeeze=False, height_ratios=[1.6, 1.0] * len(groups))[:, 0]
+        for at, group in enumerate(groups):
+            above, below = panels[2 * at : 2 * at + 2]
+            above.sharex(below)
+            above.tick_params(labelbottom=False)
+            rows = [(take, number, COLOURS[row] if len(states) == 1 else colour)
+                    for colour, take in states for row, number in enumerate(group)]  # fmt: skip
+            lines = ((take(name)[:, n], take("response_phase")[:, n], colour, 1.2, "") for take, n, colour in rows)
+            _draw_lines(above, below, f, name, lines)
+            if len(states) > 1 and len(places) > 1:
+                above.set_title(places[group[0]])
+        if len(states) == 1:
+            told = zip(COLOURS, (places[number] for number in chosen), strict=False)
+            handles = [Line2D([], [], color=colour, label=place) for colour, place in told]
+        if len(chosen) < len(places):
+            handles.append(Line2D([], [], linestyle="none", label=f"{len(chosen)} of {len(places)} receivers are drawn"))
+        if len(handles) > 1:
+            add_legend(figure, handles, room=1)
+    return figure
+
+
+def _map_figure(dataset: Dataset, name: str) -> Figure:
+    load, prefix = find_load(dataset), HertzPrefix.for_top(float(dataset["response_frequency"].values[-1]))
+    order = np.argsort(dataset[load].values, kind="stable")
+    x, y = dataset[load].values[order], dataset["response_frequency"].values / prefix.hertz
+    lines, places = describe_lines(dataset, name), dataset["receiver"].values.astype(str).tolist()
+    kinds, _ = find_differing([facts for facts, _ in lines])
+    panels = [(facts, at, number) for facts, at in lines for number in range(len(places))]
+    chosen = pick_evenly(len(panels), _PANELS)
+    with styled_figure(0.3 + 2.7 * len(chosen)) as figure:
+        axes = figure.subplots(len(chosen), 1, squeeze=False, sharex=True)[:, 0]
+        for ax, (facts, at, number) in zip(axes, (panels[one] for one in chosen), strict=True):
+            shown = _find_decibels(dataset[name].isel(at | {"receiver": number}, missing_dims="ignore").values[order])
+            most = float(np.nanmax(shown))
+            mesh = ax.pcolormesh(
+                x, y, shown.T, shading="nearest", cmap=SPECTRUM, rasterized=True,
+                vmin=max(most - 80.0, float(np.nanmin(shown))), vmax=most,  # 80 dB
+            )  # fmt: skip
+            add_bar(ax, mesh, _label_decibels(name))
+            ax.set(ylabel=f"Frequency ({print_hertz(prefix)})", ylim=(y[0], y[-1]))
+            told = [facts[kind] for kind in kinds] + [places[number]] * (len(places) > 1)
+            if told:
+                ax.text(0.02, 0.97, ", ".join(told), transform=ax.transAxes, va="top")
+        scale_axis(axes[-1], "x", x)
+        axes[-1].set(xlabel=axis_label(load, dataset[load].attrs.get("units")), xlim=(x[0], x[-1]))
+        if len(chosen) < len(panels):
+            axes[-1].set_title(f"{len(chosen)} of {len(panels)} maps are drawn")
+    return figure
+
+
+def transfer_fit_figure(fit: DampingFit) -> Figure:
+    """Draw a figure, one column wide: data with their errors and the fit, magnitude above, phase in units of pi below."""
+    data, order = fit.measured, np.argsort(fit.measured.frequencies)
+    prefix, unit = HertzPrefix.for_top(float(np.max(data.frequencies))), QUANTITIES[fit.quantity]
+    f = data.frequencies[order] / prefix.hertz
+    points = {"fmt": "o", "color": COLOURS[1], "markersize": 2.2, "elinewidth": 0.6, "label": "data", "zorder": 1.0}
+    turns = np.unwrap(fit.phase[order])
+    with styled_figure(3.6) as figure:
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
+        above.errorbar(f, data.magnitude[order], None if data.sigma is None else data.sigma[order], **points)
+        if data.phase is not None and data.phase_sigma is not None:
+            # a phase is known but for whole turns: that nearest to the fit
+            off = np.angle(np.exp(1j * (data.phase - fit.phase)))[order]
+            below.errorbar(f, (turns + off) / math.pi, data.phase_sigma[order] / math.pi, **points)
+        for axes, values in ((above, fit.magnitude[order]), (below, turns / math.pi)):
+            axes.plot(f, values, color=COLOURS[0], linewidth=1.2, label="fit", zorder=2.0)
+        above.set(yscale="log", ylabel="Magnitude" + ("" if unit == "1" else f" ({unit})"))
+        below.set(xlabel=f"Frequency ({print_hertz(prefix)})", ylabel="Phase (π)", xlim=(f[0], f[-1]))
+        above.legend()
+    return figure
+
+
+def complex_bands_figure(bands: ComplexBands) -> Figure:
+    """Draw wave numbers over frequency: real parts of waves that run to the left, decay of all others to the right.
+
+    Shown are the waves towards higher layers, in units of pi over the height of a layer. Grey dots to the left are the real
+    parts of waves that decay.
+    """
+    unit = HertzPrefix.for_top(float(bands.frequencies.max()))
+    number = bands.forward * bands.height / math.pi
+    f = np.broadcast_to(bands.frequencies[:, None] / unit.hertz, number.shape)
+    runs = np.arange(number.shape[1]) < bands.running[:, None]
+    decays = ~runs & (number.imag < 1.5)  # larger decay from layer to layer, in pi, is not drawn
+    with styled_figure(2.8) as figure:
+        left, right = figure.subplots(1, 2, sharey=True)
+        dots = {"linestyle": "none", "marker": "o", "markersize": 1.4, "markeredgewidth": 0.0}
+        left.plot(number.real[decays], f[decays], color=GUIDE, **dots)
+        left.plot(number.real[runs], f[runs], color=BLUE, **dots)
+        right.plot(number.imag[decays], f[decays], color=VERMILION, **dots)
+        left.set(xlabel="Re $k$ ($\\pi/h$)", ylabel=f"Frequency ({print_hertz(unit)})", xlim=(-1.0, 1.0))
+        left.set_ylim(float(f.min()), float(f.max()))
+        right.set(xlabel="Im $k$ ($\\pi/h$)", xlim=(0.0, 1.5))
+    return figure
+
+
+def plot_transmission(result: Transmission, ax: Axes) -> Axes:
+    """Draw the parts of the energy that pass, and that are sent back, over frequency; where no wave runs in, nothing."""
+    if len(result.frequencies) < 2:
+        raise InputError("a curve needs several frequencies", mend="Give more of them")
+    unit, runs = HertzPrefix.for_top(float(result.frequencies.max())), result.modes[:, 0] > 0
+    f = result.frequencies / unit.hertz
+    for values, colour, style, label in (
+        (result.transmitted, BLUE, "-", "transmitted"), (result.reflected, VERMILION, "--", "reflected"),
+    ):  # fmt: skip
+        ax.plot(f, np.where(runs, values, np.nan), style, color=colour, linewidth=1.0, label=label)
+    ax.set(xlabel=f"Frequency ({print_hertz(unit)})", ylabel="Part of the energy", ylim=(-0.02, 1.02))
+    ax.set_xlim(float(f[0]), float(f[-1]))
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, borderaxespad=0.2)
+    return ax

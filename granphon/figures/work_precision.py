@@ -39,6 +39,8 @@ def plot_work_precision(result: TradeOff, ax: Axes) -> Axes:
     points = result.points
     ax.set(xscale="log", yscale="log", xlabel="Time (s)", ylabel="Relative error", title="Media")
     methods = list(dict.fromkeys(point.method for point in points))
+    # the spreads of times as they are drawn, limited so that bars end above zero
+    spreads = {id(point): min(point.spread, 0.9 * point.seconds) for point in points}
     slowest = max((point.seconds for point in points if point.ran), default=0.0)
     # told apart by every eye, and in grey by the marker
     looks = zip((BLUE, VERMILION, GREEN, PURPLE, ORANGE, "#000000"), "os^DvP", strict=True)
@@ -48,11 +50,10 @@ def plot_work_precision(result: TradeOff, ax: Axes) -> Axes:
         label = method
         if drawn:
             x, y = [p.seconds for p in drawn], [p.error for p in drawn]
-            spread = [_limit_bar(p) for p in drawn]
+            spread = [spreads[id(p)] for p in drawn]
             bars = [min(p.stderr, 0.9 * p.error) for p in drawn]
             style: dict[str, Any] = {"color": colour, "marker": marker, "ms": _MARKER, "lw": 0.9, "elinewidth": 0.6}
-            line = ax.errorbar(x, y, bars, spread, label=label, **style)
-            line[0].set_zorder(2.5)
+            ax.errorbar(x, y, bars, spread, label=label, **style)[0].set_zorder(2.5)
             label = "_"
         if rest:
             bottom: dict[str, Any] = {"transform": ax.get_xaxis_transform(), "clip_on": False, "gid": "without-error"}
@@ -78,7 +79,7 @@ def plot_work_precision(result: TradeOff, ax: Axes) -> Axes:
     ax.margins(0.14)
     ran = [point for point in points if point.ran]
     errors = [point.error for point in ran if point.error > 0.0]
-    times = [p.seconds + side * _limit_bar(p) for p in ran for side in (-1.0, 1.0)]
+    times = [p.seconds + side * spreads[id(p)] for p in ran for side in (-1.0, 1.0)]
     for which, values in (("x", np.array(times or _TIMES)), ("y", np.array(errors or _ERRORS))):
         scale_axis(ax, which, values, 100.0)  # plain small numbers take much room
         widen_axis(ax, which, values)
@@ -108,11 +109,6 @@ def plot_work_precision(result: TradeOff, ax: Axes) -> Axes:
         ax.set_title(ax.get_title(), pad=5.0 + 8.5 * len(lines))
         ax.annotate("\n".join(lines), (0.5, 1.0), (0.0, 3.0), "axes fraction", "offset points", ha="center", fontsize=7.0)
     return ax
-
-
-def _limit_bar(point: MeasuredPoint) -> float:
-    """Return the spread of times as it is drawn, s, limited so that the bar ends above zero."""
-    return min(point.spread, 0.9 * point.seconds)
 
 
 def tradeoff_figure(result: TradeOff) -> Figure:

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,7 +28,7 @@ from granphon.base.tables import table_text
 from granphon.base.text import dump_yaml, versions
 from granphon.base.validation import real_array, require, texts, truth
 from granphon.fits.measurements import Measurements
-from granphon.fits.velocity_model import VARIABLE, VelocityModel, Waves
+from granphon.fits.velocity_model import VARIABLE, VelocityModel, Waves, require_fitted
 from granphon.media.choice import MediumChoice
 from granphon.observables.validity import validity
 
@@ -68,8 +68,6 @@ _MOST_SIMULATED = 12
 _NO_EFFECT = 1e-9
 #: what to do where the data do not determine the parameters
 _MEASURE = "Measure more precisely, over a wider range of force, or fit fewer parameters"
-#: keys that stand in fit.yaml before the fields of the fit; they are ignored when a fit is read
-_HEAD = ("versions", "medium", "width", "stderr", "std", "std_stderr", "p")
 
 
 def compute_probability(chi2: float, dof: int) -> float:
@@ -123,13 +121,8 @@ def find_warnings(problem: FitProblem, logs: Array, errors: Array, given: bool, 
     """
     from scipy.special import ndtr, stdtr
 
-    names, force, velocity, sigma, dof = (
-        problem.model.names,
-        problem.model.force,
-        problem.velocity,
-        problem.sigma,
-        problem.dof,
-    )
+    names, force = problem.model.names, problem.model.force
+    velocity, sigma, dof = problem.velocity, problem.sigma, problem.dof
     (residuals, matrix), equal_balls, out = problem(logs), problem.model.equal_balls(logs)[0], list[str]()
     leverages, chi2 = compute_leverages(matrix), float(residuals @ residuals) if given else float(dof)
 
@@ -377,9 +370,15 @@ def explain_undetermined(problem: FitProblem, logs: Array, errors: Array) -> Inp
     return InputError(what, why, "Check the units of the data, the Young modulus, diameter and density")
 
 
-class Fitted:
-    """What follows from the covariance of the fitted parameters, and from the sum of squares."""
+class Fitted(Result):
+    """A fit: what follows from the covariance of the fitted parameters, and from the sum of squares; its files."""
 
+    #: the SI unit of each parameter that may be fitted; None of a number
+    _units_of_parameters: ClassVar[Mapping[str, str | None]]
+    #: what stands in fit.yaml before the fields of the fit, besides versions; it is ignored when a fit is read
+    _head: ClassVar[tuple[str, ...]] = ("p",)
+
+    parameters: tuple[str, ...]
     covariance: Array
     sigma_given: bool
     chi2: float
@@ -399,9 +398,37 @@ class Fitted:
         """
         return compute_probability(self.chi2, self.dof) if self.sigma_given else math.nan
 
+    def _field_units(self) -> dict[str, str]:
+        """Return units by name; those of ``values`` are separated by commas, the rows of ``covariance`` by semicolons."""
+        each = [self._units_of_parameters[name] or "1" for name in self.parameters]
+        rows = (", ".join(f"{a}^2" if a == b else f"{a} {b}" for b in each) for a in each)
+        return super()._field_units() | {"values": ", ".join(each), "covariance": "; ".join(rows)}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """Build a fit from plain data, SI; the keys that stand in fit.yaml before the fields are ignored."""
+        ignored = ("versions", *cls._head)
+        mapping = isinstance(data, Mapping)
+        return super().from_dict({n: v for n, v in data.items() if n not in ignored} if mapping else data)
+
+    def _check(self) -> None:
+        super()._check()
+        require_fitted(self.parameters, self._units_of_parameters)
+
+    def _list_columns(self) -> dict[str, Any]:
+        """The columns of fit.csv, (n,), by their headings."""
+        raise NotImplementedError
+
+    def write(self, folder: str | os.PathLike[str]) -> None:
+        """Write fit.yaml, the whole fit, and fit.csv, the data with the fit, into a folder, which is made if need be."""
+        head = {"versions": versions("numpy", "scipy")} | {name: getattr(self, name) for name in self._head}
+        write_text(Path(folder) / "fit.yaml", dump_yaml(head | self.to_dict()))
+        columns = self._list_columns()
+        write_text(Path(folder) / "fit.csv", table_text(columns, np.stack(list(columns.values()), axis=1).tolist()))
+
 
 @dataclass(frozen=True, eq=False, repr=False)
-class WidthFit(Fitted, Result):
+class WidthFit(Fitted):
     """Parameters of a packing that fit measured velocities, and how well they are known.
 
     Attributes
@@ -429,8 +456,9 @@ class WidthFit(Fitted, Result):
         "parameters": "p", "values": "p", "covariance": "p p", "force": "n", "velocity": "n", "sigma": "n",
         "velocities": "n",
     }  # fmt: skip
-
     _notebook_fields = ("width", "stderr")
+    _units_of_parameters = {name: PARAMETERS[name] for name in VARIABLE}
+    _head = ("medium", "width", "stderr", "std", "std_stderr", "p")
 
     packing: Packing
     choice: MediumChoice
@@ -506,40 +534,17 @@ class WidthFit(Fitted, Result):
             return model.settle_geometry(start)(start)[0].reshape(forces.shape)[()]
         return waves.velocity(choice.of(self.packing).at_force(force, finite_overlap=waves.finite_overlap))[0][()]
 
-    def _field_units(self) -> dict[str, str]:
-        """Return units by name; those of ``values`` are separated by commas, the rows of ``covariance`` by semicolons."""
-        each = [PARAMETERS[name] or "1" for name in self.parameters]
-        rows = (", ".join(f"{a}^2" if a == b else f"{a} {b}" for b in each) for a in each)
-        return super()._field_units() | {"values": ", ".join(each), "covariance": "; ".join(rows)}
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Build a fit from plain data, SI; the keys that stand in fit.yaml before the fields are ignored."""
-        mapping = isinstance(data, Mapping)
-        return super().from_dict({n: v for n, v in data.items() if n not in _HEAD} if mapping else data)
-
-    def _check(self) -> None:
-        """Check the fields, and that the parameters can be fitted; raise InputError otherwise."""
-        super()._check()
-        if unknown := set(self.parameters) - set(VARIABLE):
-            raise InputError(f"{', '.join(sorted(unknown))} cannot be fitted", mend="Use " + ", ".join(VARIABLE))
-
-    def write(self, folder: str | os.PathLike[str]) -> None:
-        """Write fit.yaml, the whole fit, and fit.csv, the data with the fit, into a folder, which is made if need be."""
-        numbers = {name: getattr(self, name) for name in _HEAD[2:]}
-        head = {"versions": versions("numpy", "scipy"), "medium": self.medium, **numbers}
-        write_text(Path(folder) / "fit.yaml", dump_yaml(head | self.to_dict()))
+    def _list_columns(self) -> dict[str, Any]:
         columns = {
             "force (N)": self.force, "velocity (m/s)": self.velocity, "sigma (m/s)": self.sigma,
             "fit (m/s)": self.velocities, "residual (m/s)": self.residuals,
         }  # fmt: skip
         if self.waves.frequency is not None:
             columns["frequency (Hz)"] = np.broadcast_to(self.waves.frequency, self.force.shape)
-        text = table_text(columns, np.stack(list(columns.values()), axis=1).tolist())
-        write_text(Path(folder) / "fit.csv", text)
+        return columns
 
 
-#: files of a fit: those of :meth:`WidthFit.write`, and its figure
+#: files of a fit: those of :meth:`Fitted.write`, and its figure
 FIT_FILES = ("fit.yaml", "fit.csv", "fit.png")
 
 

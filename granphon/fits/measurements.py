@@ -15,7 +15,7 @@ from granphon.base.errors import InputError
 from granphon.base.quantities import FREQUENCY, LENGTH, LIGHT_VELOCITY, LOADS, TIME, Quantity, load_quantities
 from granphon.base.results import Result
 from granphon.base.tables import Table
-from granphon.base.text import closest
+from granphon.base.text import suggest
 from granphon.base.validation import finite_list, positive
 
 Array = NDArray[np.float64]
@@ -118,11 +118,8 @@ class Measurements(Result):
             or by a ``distance`` and a column of distances or of velocities.
         """
         table, named = Table.read(path), dict(columns or {})
-        for name in named:
-            if name not in COLUMNS:
-                meant = closest(name, COLUMNS)
-                mend = f"Did you mean {meant}?" if meant else "Use " + ", ".join(COLUMNS)
-                raise InputError(f"{name!r} is not a kind of column of measurements", mend=mend)
+        if unknown := [name for name in named if name not in COLUMNS]:
+            raise InputError(f"{unknown[0]!r} is not a kind of column of measurements", mend=suggest(unknown[0], COLUMNS))
 
         def choose(*kinds: str) -> str | None:
             """Return which of these kinds of column the table has; None if it has none of them."""

@@ -13,7 +13,6 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -23,11 +22,11 @@ from granphon.balls import hertz
 from granphon.base.errors import InputError
 from granphon.base.quantities import FREQUENCY, Quantity
 from granphon.base.results import Result
-from granphon.base.staging import write_text
-from granphon.base.tables import Table, table_text
-from granphon.base.text import closest, dump_yaml, versions
+from granphon.base.tables import Table
+from granphon.base.text import suggest
 from granphon.base.validation import finite_list, texts
 from granphon.fits.fit import LARGE_ERROR, SAME_EFFECT, Fitted, WidthFit, judge_residuals
+from granphon.fits.velocity_model import require_fitted
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.waves.response import QUANTITIES
 from granphon.waves.waves import Waves
@@ -111,17 +110,15 @@ class TransferFunction(Result):
         """
         table, named = Table.read(path), dict(columns or {})
         if unknown := [name for name in named if name not in _COLUMNS]:
-            meant = closest(unknown[0], _COLUMNS)
             what = f"{unknown[0]!r} is not a kind of column of a transfer function"
-            raise InputError(what, mend=f"Did you mean {meant}" if meant else "Use " + ", ".join(_COLUMNS))
+            raise InputError(what, mend=suggest(unknown[0], _COLUMNS))
         heads = {kind: named.get(kind, kind) for kind in _COLUMNS}
         for kind in _COLUMNS[:2]:
             if heads[kind] not in table:
                 what = f"{table.name} has no column named {heads[kind]!r}"
                 why = f"Its columns are {', '.join(repr(str(heading)) for heading in table.headings)}"
-                raise InputError(
-                    what, why, f"Head it '{kind}', or name it: --column '{kind}=NAME', columns={{'{kind}': 'NAME'}}"
-                )
+                mend = f"Head it '{kind}', or name it: --column '{kind}=NAME', columns={{'{kind}': 'NAME'}}"
+                raise InputError(what, why, mend)
 
         def read(kind: str, plain: Mapping[str, float]) -> Array | None:
             """Return the numbers of a column in one of these units; None if it is not there, or has another unit."""
@@ -158,9 +155,8 @@ class TransferFunction(Result):
         for kind in ("phase", "phase_sigma"):
             found = read(kind, _ANGLES)
             if found is None and heads[kind] in table:
-                raise InputError(
-                    f"{table.name}: the column {heads[kind]!r} is not in rad or deg", mend=f"Head it '{kind} (rad)'"
-                )
+                what = f"{table.name}: the column {heads[kind]!r} is not in rad or deg"
+                raise InputError(what, mend=f"Head it '{kind} (rad)'")
             angles.append(found)
         frequencies = table.column(heads["frequency"], FREQUENCY)
         try:
@@ -204,7 +200,7 @@ class _Model:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DampingFit(Fitted, Result):
+class DampingFit(Fitted):
     """Parameters of a network whose response fits a measured transfer function, and how well they are known.
 
     Attributes
@@ -228,6 +224,7 @@ class DampingFit(Fitted, Result):
         "phase": "n",
     }  # fmt: skip
     _notebook_fields = ("stderrs",)
+    _units_of_parameters = PARAMETERS
 
     parameters: tuple[str, ...]
     values: Array
@@ -244,22 +241,9 @@ class DampingFit(Fitted, Result):
     warnings: tuple[str, ...]
 
     def _field_units(self) -> dict[str, str]:
-        each = [PARAMETERS[name] for name in self.parameters]
-        rows = (", ".join(f"{a}^2" if a == b else f"{a} {b}" for b in each) for a in each)
-        unit = QUANTITIES[self.quantity]
-        return super()._field_units() | {"values": ", ".join(each), "covariance": "; ".join(rows), "magnitude": unit}
+        return super()._field_units() | {"magnitude": QUANTITIES[self.quantity]}
 
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Build a fit from plain data, SI; the keys that stand in fit.yaml before the fields are ignored."""
-        mapping = isinstance(data, Mapping)
-        return super().from_dict({n: v for n, v in data.items() if n not in ("versions", "p")} if mapping else data)
-
-    def write(self, folder: str | os.PathLike[str]) -> None:
-        """Write fit.yaml, the whole fit, and fit.csv, the data with the fit, into a folder, which is made if need be."""
-        write_text(
-            Path(folder) / "fit.yaml", dump_yaml({"versions": versions("numpy", "scipy"), "p": self.p, **self.to_dict()})
-        )
+    def _list_columns(self) -> dict[str, Any]:
         data, unit = self.measured, QUANTITIES[self.quantity]
         columns: dict[str, Any] = {
             "frequency (Hz)": data.frequencies, f"magnitude ({unit})": data.magnitude, f"sigma ({unit})": data.sigma,
@@ -267,7 +251,7 @@ class DampingFit(Fitted, Result):
         }  # fmt: skip
         if data.phase is not None:
             columns |= {"phase (rad)": data.phase, "phase_sigma (rad)": data.phase_sigma}
-        write_text(Path(folder) / "fit.csv", table_text(columns, np.stack(list(columns.values()), axis=1).tolist()))
+        return columns
 
 
 def read_fit(data: Any) -> WidthFit | DampingFit:
@@ -307,14 +291,7 @@ def fit_damping(
     if not isinstance(measured, TransferFunction):
         raise InputError("the data are no transfer function", mend="Give a gp.TransferFunction(frequencies, magnitude)")
     names = texts("parameters", parameters)
-    for name in names:
-        if name not in PARAMETERS:
-            meant = closest(name, PARAMETERS)
-            raise InputError(
-                f"{name!r} cannot be fitted", mend=f"Did you mean {meant}" if meant else "Use " + ", ".join(PARAMETERS)
-            )
-    if not names or len(set(names)) < len(names):
-        raise InputError(f"the parameters are {names}", mend="Give one or more, each at most once")
+    require_fitted(names, PARAMETERS)
     pairs = [one if isinstance(one, tuple) else (one, one) for one in (damping, loss_factor)]
     places = {
         "source": source, "receiver": receiver, "quantity": quantity, "direction": direction, "polarisation": polarisation,
@@ -327,9 +304,8 @@ def fit_damping(
     dof = m.size * (1 if phase is None else 2) - len(names)
     if dof < (not given):
         why = "" if given else "Without sigma one more is needed, to find the scatter"
-        raise InputError(
-            f"there are {dof + len(names)} numbers, to which {len(names)} parameters cannot be fitted", why, "Measure more"
-        )
+        what = f"there are {dof + len(names)} numbers, to which {len(names)} parameters cannot be fitted"
+        raise InputError(what, why, "Measure more")
     sigma = m if measured.sigma is None else measured.sigma
     angle = sigma / m if measured.phase_sigma is None else measured.phase_sigma
     turned = np.ones(m.size) if phase is None else np.exp(1j * phase)
@@ -370,17 +346,9 @@ def fit_damping(
         key=lambda one: one[0],
     )
     low = np.where(is_loss, 0.0, 1e-3)
+    limits = (low, np.full(low.shape, np.inf))
     fits = [
-        least_squares(
-            compare,
-            at,
-            "3-point",
-            (low, np.full(low.shape, np.inf)),
-            x_scale=np.maximum(at, 1e-3),
-            ftol=1e-13,
-            xtol=1e-13,
-            gtol=1e-13,
-        )
+        least_squares(compare, at, "3-point", limits, x_scale=np.maximum(at, 1e-3), ftol=1e-13, xtol=1e-13, gtol=1e-13)
         for _, at in tried[: _FOLLOWED if several else 1]
     ]
     best = min(fits, key=lambda one: float(one.cost))
@@ -389,9 +357,8 @@ def fit_damping(
     norms = np.linalg.norm(jacobian, axis=0)
     _, singular, right = np.linalg.svd(jacobian / np.maximum(norms, 1e-300), full_matrices=False)
     if np.any(norms == 0.0) or singular[-1] < SAME_EFFECT * singular[0]:
-        raise InputError(
-            f"the data cannot tell {' and '.join(names)} apart", mend="Measure a wider range, or fit fewer parameters"
-        )
+        what = f"the data cannot tell {' and '.join(names)} apart"
+        raise InputError(what, mend="Measure a wider range, or fit fewer parameters")
     scatter = 1.0 if given else max(math.sqrt(chi2 / dof), float(np.finfo(float).eps))
     root = (right / singular[:, None]).T / norms[:, None] * scale[:, None] * scatter
     covariance, values = root @ root.T, best.x * scale
@@ -401,10 +368,8 @@ def fit_damping(
         for name, value, error in zip(names, values.tolist(), np.sqrt(np.diag(covariance)).tolist(), strict=True)
         if error > LARGE_ERROR * value
     ]
-    found = [
-        np.array([float(np.mean(each)) for each in one])
-        for one in model.losses(dict(zip(names, values.tolist(), strict=True)))
-    ]
+    losses = model.losses(dict(zip(names, values.tolist(), strict=True)))
+    found = [np.array([float(np.mean(each)) for each in one]) for one in losses]
     known = replace(measured, sigma=sigma * scatter, phase_sigma=None if phase is None else angle * scatter)
     phases = np.angle(h) if phase is None else phase - np.angle(turned / h)
     return DampingFit(

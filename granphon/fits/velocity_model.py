@@ -15,7 +15,7 @@ the torsion of a Hertz contact. The curve is then that of one packing, and the f
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -30,7 +30,7 @@ from granphon.balls.packing import MINDLIN, Packing
 from granphon.balls.parameters import change_packing
 from granphon.base.errors import InputError, UnreachableFrequencyError, brief
 from granphon.base.results import Result
-from granphon.base.text import closest
+from granphon.base.text import suggest
 from granphon.base.validation import is_one_of, positive, require, truth
 from granphon.dynamics.branches import follow_acoustic_branches
 from granphon.media.choice import MediumChoice, no_simulation
@@ -173,6 +173,15 @@ class _SampleCurve:
         return value, (first + part * (2.0 * bend + 3.0 * part * twist)) / _NODE_SPACING
 
 
+def require_fitted(names: Sequence[str], known: Collection[str]) -> None:
+    """Raise :class:`InputError` unless ``names`` are one or more of the ``known`` parameters, each once."""
+    for name in names:
+        if name not in known:
+            raise InputError(f"{name!r} cannot be fitted", mend=suggest(str(name), known))
+    if not names or len(set(names)) < len(names):
+        raise InputError(f"the parameters are {names}", mend="Give one or more, each at most once")
+
+
 def _make_even(packing: Packing, force: Array, finite_overlap: bool) -> ContactState:
     """Return the state of the regular lattice, whose contacts all carry the same force, N."""
     return AveragedLattice(packing).at_force(force, finite_overlap=finite_overlap)
@@ -196,14 +205,7 @@ class VelocityModel:
     curve_at: Array | None = None
 
     def __post_init__(self) -> None:
-        for name in self.names:
-            if name not in VARIABLE:
-                meant = closest(str(name), VARIABLE)
-                mend = f"Did you mean {meant}?" if meant else "Use " + ", ".join(VARIABLE)
-                raise InputError(f"{name!r} cannot be fitted", mend=mend)
-        if not self.names or len(set(self.names)) < len(self.names):
-            what = f"the parameters are {self.names}"
-            raise InputError(what, mend="Give one or more, each at most once")
+        require_fitted(self.names, VARIABLE)
         if self.waves.finite_overlap:
             no_simulation([self.choice])
         self.choice.of(self._sampled if self.choice.is_exact else self.packing)

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.contact_laws import ENERGY, FORCE, SLOPE, STIFFNESS
 from granphon.balls.distributions import NormalShape, PointShape, Shape, UniformShape
+from granphon.balls.hertz import ENERGY, FORCE, SLOPE, STIFFNESS
 from granphon.balls.lattices import Lattice
 from granphon.base.errors import PrecisionError
 from granphon.base.results import read_only

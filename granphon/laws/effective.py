@@ -45,8 +45,8 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from granphon.balls.contact_laws import FORCE, SLOPE, STIFFNESS
 from granphon.balls.distributions import NormalShape, PointShape, Shape, UniformShape
+from granphon.balls.hertz import FORCE, SLOPE, STIFFNESS
 from granphon.base.errors import PrecisionError
 from granphon.base.results import read_only
 from granphon.laws.spread import CurveLaw, Series, high_pressure_series

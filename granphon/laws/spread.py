@@ -19,9 +19,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.contact_laws import ENERGY, FORCE, STIFFNESS, EnergyLaw
 from granphon.balls.distributions import NormalShape, PointShape, Shape, UniformShape, evaluate_in_blocks
-from granphon.balls.hertz import HertzLaw, high_pressure_overlap
+from granphon.balls.hertz import ENERGY, FORCE, STIFFNESS, EnergyLaw, HertzLaw, high_pressure_overlap
 from granphon.base.errors import InputError, PrecisionError
 from granphon.base.scales import WidthUnits
 
@@ -232,10 +231,9 @@ class SpreadLaw(EnergyLaw):
         hertz, offset = HertzLaw(self.coefficient), 0.0
         if order == ENERGY:
             offset = self._energy_offset * self._find_unit(ENERGY)
-        exact = (hertz.energy, hertz.force, hertz.stiffness, hertz.stiffness_slope)[order]
 
         def far(part: Array) -> Array:
-            return np.asarray(exact(part) * self._series.ratio(part / self.width, order) + offset)
+            return np.asarray(hertz._evaluate(part, order) * self._series.ratio(part / self.width, order) + offset)
 
         def near(part: Array) -> Array:
             return self._find_unit(order) * self._evaluate_near(part / self.width, order)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 
 from granphon.array.sparse_matrices import compose
 from granphon.balls.ball import BALL_LIMITS, RIGID_PLANE, Ball, Body, ContactConstants
-from granphon.balls.contact_laws import DMT, JKR, Hertz, PairLaw, PowerLaw, TabulatedLaw, check_law, find_law, law_between
+from granphon.balls.contact_laws import DMT, JKR, Hertz, PairLaw, PowerLaw, TabulatedLaw, check_law, law_of_pair, read_laws
 from granphon.balls.contact_table import TOUCH, ContactTable, find_contacts, repeat_contacts, require_joined
 from granphon.balls.lattices import LATTICES, Lattice, find_structure
 from granphon.balls.layers import Layers, find_faces, read_edges
@@ -36,6 +36,7 @@ from granphon.base.results import Result, read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
 from granphon.base.validation import finite_array, label, lengths, real_array, require, truth, whole_number
+from granphon.dynamics.long_waves import voigt_pairs
 from granphon.media.crystal_statics import Frame, Push, Rest, Springs, settle, settle_exactly
 from granphon.media.limits import Check, check_limit
 from granphon.media.state import read_finite_overlap
@@ -177,7 +178,7 @@ class Crystal(Result):
         read = read_rolling(f"the crystal {name!r}", d, motions, torsion, bending)
         self._set(
             kinds=kinds, names=name_kinds(kinds), kind=kind, cell=vectors, positions=places, contacts=contacts,
-            law=_read_law(law), friction=require("friction", truth, friction), motions=motions,
+            law=read_laws(law), friction=require("friction", truth, friction), motions=motions,
             torsion=read[0], bending=read[1], name=name, faces=(), deviations=None,
         )  # fmt: skip
 
@@ -578,7 +579,7 @@ class Crystal(Result):
         laws: list[PairLaw] = []
         checked: set[int] = set()
         for ball, other, one, two in pairs:
-            found = self._find_law(ball, other, one, two)
+            found = law_of_pair(self.law, ball, other, one, two)
             if id(found) not in checked:
                 check_law(found, ContactConstants.of(ball, other).radius)
                 checked.add(id(found))
@@ -587,23 +588,11 @@ class Crystal(Result):
         split = np.split(order, np.searchsorted(number[order], np.arange(1, len(pairs))))[: len(pairs)]
         return Springs([(law, at) for law, at in zip(laws, split, strict=True)], len(number))
 
-    def _find_law(self, ball: Body, other: Body, one: str, two: str) -> PairLaw:
-        """Return the law of two bodies with names. A law may also name kinds that are not there: a defect may bring one."""
-        law: Any = self.law
-        if isinstance(self.law, tuple):
-            laws_of = {frozenset(pair): law for pair, law in self.law}
-            if (law := laws_of.get(frozenset((one, two)))) is None:
-                missing = [f"({a!r}, {b!r})" for _, _, a, b in self._pairs[0] if frozenset((a, b)) not in laws_of]
-                what = f"law has none for contacts of {', '.join(missing) or f'({one!r}, {two!r})'}"
-                why = f"It has {brief([tuple(pair) for pair, _ in self.law])}"
-                raise InputError(what, why, "Give one for each pair of kinds that touch")
-        return law_between(law, ball, other)
-
     def law_of(self, i: int, j: int) -> PairLaw:
         """Return the law of balls i and j; numbers from that of the balls on are floors."""
         names, bodies = (*self.names, RIGID_PLANE.name), list[Body]([*self.kinds, RIGID_PLANE])
         one, two = (int(self.kind[at]) if at < self.n_balls else -1 for at in (i, j))
-        return self._find_law(bodies[one], bodies[two], names[one], names[two])
+        return law_of_pair(self.law, bodies[one], bodies[two], names[one], names[two])
 
     def touch(self) -> CrystalState:
         """Return the crystal as its balls touch, without load; stiffnesses are those at overlaps of 1e-6 of distances."""
@@ -713,10 +702,9 @@ class Crystal(Result):
             why = "Balls that only touch have no stiffness, and carry no sound"
             raise InputError("pressure is zero", why, "Press them, or give gravity and a floor")
 
-        def push(one: Array, field: Array | None) -> Push:
-            return self._push_hydrostatic(float(one), field, f"a pressure of {one:g}")
-
-        return self._solve_each(values, fields, push, finite_overlap)
+        loads = zip(values.ravel().tolist(), fields, strict=True)
+        pushes = (self._push_hydrostatic(one, field, f"a pressure of {one:g}") for one, field in loads)
+        return self._solve_each(values, pushes, finite_overlap)
 
     def at_force(
         self, force: ArrayLike, *, gravity: ArrayLike | None = None, finite_overlap: bool | None = None
@@ -755,11 +743,14 @@ class Crystal(Result):
         """
         values, fields = self._read_gravity(self._read_tensor("stress", stress, 1.0), gravity, 2)
 
-        def push(one: Array, field: Array | None) -> Push:
+        def name(one: Array) -> str:
             words = f"the stress {brief(np.round(one, 12).tolist() if np.max(np.abs(one)) > 1e-6 else one.tolist())}"
-            return self._push(f"{words} {('', 'N', 'N/m', 'Pa')[self.periods]}", field, stress=one)
+            return f"{words} {('', 'N', 'N/m', 'Pa')[self.periods]}"
 
-        return self._solve_each(values, fields, push, finite_overlap, 2)
+        loads = zip(values.reshape(-1, *values.shape[-2:]), fields, strict=True)
+        return self._solve_each(
+            values, (self._push(name(one), field, stress=one) for one, field in loads), finite_overlap, 2
+        )
 
     def at_strain(
         self, strain: ArrayLike, *, gravity: ArrayLike | None = None, finite_overlap: bool | None = None
@@ -782,10 +773,9 @@ class Crystal(Result):
             what = f"strain shortens crystal {self.name!r} by {-least:.4g} of its length"
             raise InputError(what, "Nothing would be left of it", "Give a strain above -1")
 
-        def push(one: Array, field: Array | None) -> Push:
-            return self._push(f"the strain {brief(one.tolist())}", field, strain=one)
-
-        return self._solve_each(values, fields, push, finite_overlap, 2)
+        loads = zip(values.reshape(-1, *values.shape[-2:]), fields, strict=True)
+        pushes = (self._push(f"the strain {brief(one.tolist())}", field, strain=one) for one, field in loads)
+        return self._solve_each(values, pushes, finite_overlap, 2)
 
     def _read_tensor(self, name: str, values: ArrayLike, shear: float) -> Array:
         """Return tensors (..., p, p), from these or from Voigt's order, in which shears count by the factor ``shear``."""
@@ -793,7 +783,7 @@ class Crystal(Result):
         if not p:
             raise InputError(f"crystal {self.name!r} has no period that a {name} could act on", mend="Give a pressure")
         given = finite_array(name, values)
-        voigt = {1: ((0, 0),), 2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))}[p]
+        voigt = voigt_pairs(p)
         if p == 1 and given.ndim == 0:
             given = given[None]
         if given.shape[-2:] == (p, p):
@@ -959,17 +949,13 @@ class Crystal(Result):
         )
         raise InputError(what, why, "Give a larger one" if field is not None else "")
 
-    def _solve_each(
-        self, values: Array, fields: Sequence[Array | None], make: Callable[[Array, Array | None], Push],
-        finite_overlap: bool | None, rank: int = 0,
-    ) -> CrystalState:  # fmt: skip
-        """Return the state at each load: ``make`` makes that of a value, or of a tensor of ``rank`` 2, and of gravity."""
+    def _solve_each(self, values: Array, pushes: Iterable[Push], finite_overlap: bool | None, rank: int = 0) -> CrystalState:
+        """Return the state at each load: ``pushes`` are those of the values, or of tensors of ``rank`` 2."""
         follows = read_finite_overlap(finite_overlap)
         frame, springs = self._frame[0], self._springs
         found = []
         with _in_double_precision(values):
-            for one, field in zip(values.reshape(-1, *values.shape[values.ndim - rank :]), fields, strict=True):
-                push = make(one, field)
+            for push in pushes:
                 rest = settle(frame, springs, push)
                 found.append((settle_exactly(frame, springs, push, rest) if follows else rest, push))
             return self._stack(values, found, rank, follows)
@@ -1305,16 +1291,3 @@ def _in_double_precision(values: Array) -> Iterator[None]:
     except FloatingPointError:
         what = f"a crystal under a load of {brief(values.tolist())} is beyond double precision"
         raise InputError(what, mend="Lower the load, or compare the units") from None
-
-
-def _read_law(law: Any) -> Any:
-    """Return the law of all contacts, or a tuple of pairs of names of kinds, each with its law."""
-    if not isinstance(law, Mapping):
-        return Hertz() if law is None else find_law(law)
-    for key in law:
-        if not (isinstance(key, tuple) and len(key) == 2 and all(isinstance(one, str) for one in key)):
-            mend = 'Give a law itself, or one for each pair of names, as ("A", "B")'
-            raise InputError(f"law has the key {brief(key)}", mend=mend)
-        if key[::-1] in law and law[key] != law[key[::-1]]:
-            raise InputError(f"law has two laws for contacts of {key}", mend="Give one, in either order")
-    return tuple((pair, find_law(one)) for pair, one in law.items())

@@ -116,9 +116,6 @@ def _write_words(name: str) -> str:
     return name.replace("_", " ").capitalize()
 
 
-# -- what finds them ------------------------------------------------------------------------------------------------
-
-
 def _or_none(find: Callable[[Analysis], Any]) -> Callable[[Analysis], Any]:
     """Make ``find`` return None where the lattice does not have the quantity, as of a stress that is no pressure."""
 
@@ -136,20 +133,6 @@ def _find_direction(of: Analysis) -> Any:
     return None if of.state.is_isotropic and np.array_equal(along, np.eye(along.shape[-1])[0]) else along
 
 
-def _find_velocity(name: str) -> Callable[[Analysis], Any]:
-    """Return the function for an attribute of the velocities, which is None if there is no such wave.
-
-    Of two transverse waves each has an entry of its own, and both together have none.
-    """
-    both = name in ("transverse", "transverse_error")
-    return lambda of: None if both and of.velocities.transverse_slow is not None else getattr(of.velocities, name)
-
-
-def _find_of_cubic(name: str) -> Callable[[Analysis], Any]:
-    """Return the function for an attribute of the moduli of a square or cubic lattice; it is None of another lattice."""
-    return lambda of: getattr(of.moduli, name) if of.moduli is not None and of.moduli.cubic else None
-
-
 def _exclude_finite_overlap(find: Callable[[ContactState], Any]) -> Callable[[Analysis], Any]:
     """Make ``find`` a function of an analysis that returns None for states of a contact law with finite overlap.
 
@@ -159,18 +142,21 @@ def _exclude_finite_overlap(find: Callable[[ContactState], Any]) -> Callable[[An
     return lambda of: None if of.state.finite_overlap and not of.state.n_samples else find(of.state)
 
 
-# -- the entries ----------------------------------------------------------------------------------------------------
-
-
 def _make_state_entry(name: str, title: str, **more: Any) -> Observable:
     """Make the entry of an attribute of the state; its value is None for states that do not have the attribute."""
     return Observable(name, SimulatedState.units[name], title, find=lambda of: getattr(of.state, name, None), **more)
 
 
 def _make_velocity_entry(name: str, title: str, **more: Any) -> Observable:
-    """Make the entry of an attribute of the sound velocities; its value is None if there is no such wave."""
-    unit = SoundVelocities.units["velocities"]
-    return Observable(name, unit, title, find=_find_velocity(name), cost="velocities", per_direction=True, **more)
+    """Make the entry of an attribute of the sound velocities; its value is None if there is no such wave.
+
+    Of two transverse waves each has an entry of its own, and both together have none.
+    """
+    both = name in ("transverse", "transverse_error")
+    return Observable(
+        name, "m/s", title, cost="velocities", per_direction=True, **more,
+        find=lambda of: None if both and of.velocities.transverse_slow is not None else getattr(of.velocities, name),
+    )  # fmt: skip
 
 
 def _make_modulus_entry(name: str, title: str, **more: Any) -> Observable:
@@ -181,19 +167,25 @@ def _make_modulus_entry(name: str, title: str, **more: Any) -> Observable:
 
 
 def _make_load_error_entry(name: str, title: str) -> Observable:
-    """Make the entry of the standard error of the force or the overlap.
-
-    Its value is None for the quantity that all samples have in common, and if there is only one sample.
-    """
+    """Make the entry of the standard error of what samples may not have in common; its value is None where they have."""
     error = f"{name}_error"
     return Observable(error, SimulatedState.units[name], title, find=lambda of: of.state.mean_errors.get(error), swept=False)
 
 
-def _make_line_entry(name: str, unit: str, title: str, **more: Any) -> Observable:
-    """Make the entry of what a sweep finds of the line of each plane wave in the spectrum of its samples."""
-    return Observable(name, unit, title, cost="spectrum", dims=("polarisation", "wavevector"), **more)
+def _make_cubic_entry(name: str, title: str, **more: Any) -> Observable:
+    """Make the entry of an attribute of the moduli of a square or cubic lattice; its value is None of another lattice."""
+    find = lambda of: getattr(of.moduli, name) if of.moduli is not None and of.moduli.cubic else None  # noqa: E731
+    return Observable(name, "1", title, find=find, cost="velocities", **more)
 
 
+# of a packing; of each plane wave in the spectrum of samples; of a density of states; of networks that answer to a drive; of
+# bands along a path
+_of_packing, _of_dos = partial(Observable, cost="packing", swept=False), partial(Observable, cost="dos", dims=("node",))
+_of_line = partial(Observable, cost="spectrum", dims=("polarisation", "wavevector"))
+_of_network, _of_response = (
+    partial(Observable, cost="network", dims=dims) for dims in ((), ("response_frequency", "receiver"))
+)
+_of_bands = partial(Observable, cost="bands", dims=("segment", "point", "branch"))
 _OVER_SAMPLES = "standard error over samples of the"
 _LAYER = "of the layer taken one diameter thick"
 #: energies of a motion, and what they are
@@ -253,18 +245,15 @@ _OBSERVABLES = (
     Observable("regime", "", "pressure regime of Section III", find=lambda of: of.state.regime),
     _make_load_error_entry("force", f"{_OVER_SAMPLES} force, at a given overlap"),
     _make_load_error_entry("overlap", f"{_OVER_SAMPLES} overlap, at a given force or pressure"),
-    Observable(
-        "width", "m", "width W of the distribution of diameters", find=lambda of: of.state.packing.width, cost="packing",
-        meaning="width W: √12 times the standard deviation of the diameters", swept=False,
+    _of_packing(
+        "width", "m", "width W of the distribution of diameters", find=lambda of: of.state.packing.width,
+        meaning="width W: √12 times the standard deviation of the diameters",
     ),
-    Observable(
-        "mindlin_ratio", "1", "shear over normal stiffness η; 0 without friction", cost="packing", swept=False,
+    _of_packing(
+        "mindlin_ratio", "1", "shear over normal stiffness η; 0 without friction",
         find=lambda of: of.state.packing.mindlin_ratio,
     ),
-    Observable(
-        "mass", "kg", "mass of a ball of the mean diameter", cost="packing", swept=False,
-        find=lambda of: of.state.packing.mass,
-    ),
+    _of_packing("mass", "kg", "mass of a ball of the mean diameter", find=lambda of: of.state.packing.mass),
     _make_velocity_entry("longitudinal", "longitudinal sound velocity", label="Longitudinal velocity", told=True),
     _make_velocity_entry("transverse", "transverse sound velocity", label="Transverse velocity", told=True),
     _make_velocity_entry("transverse_slow", "slow transverse sound velocity", label="Slow transverse velocity", told=True),
@@ -282,22 +271,16 @@ _OBSERVABLES = (
     ),
     _make_modulus_entry("tensor", f"elastic tensor {_LAYER}, Voigt order", dims=("voigt_row", "voigt_column")),
     *(
-        _make_velocity_entry(f"{name}_error", f"{_OVER_SAMPLES} {words} sound velocity", sampled=True)
-        for name, words in (
-            ("longitudinal", "longitudinal"), ("transverse", "transverse"), ("transverse_slow", "slow transverse"),
-            ("transverse_fast", "fast transverse"),
+        _make_velocity_entry(f"{words.replace(' ', '_')}_error", f"{_OVER_SAMPLES} {said} sound velocity", sampled=True)
+        for words, said in (
+            *((one, one) for one in ("longitudinal", "transverse")),
+            *((f"transverse {one}", f"{one} transverse") for one in ("slow", "fast")),
         )
     ),
     _make_modulus_entry("bulk_error", f"{_OVER_SAMPLES} bulk modulus", sampled=True),
     _make_modulus_entry("shear_error", f"{_OVER_SAMPLES} shear modulus", sampled=True),
-    Observable(
-        "anisotropy", "1", "anisotropy 2 C44/(C11 - C12) of a cubic lattice, 2 C33/(C11 - C12) of a square one",
-        find=_find_of_cubic("anisotropy"), cost="velocities",
-    ),
-    Observable(
-        "anisotropy_error", "1", f"{_OVER_SAMPLES} anisotropy", cost="velocities", sampled=True,
-        find=_find_of_cubic("anisotropy_error"),
-    ),
+    _make_cubic_entry("anisotropy", "anisotropy 2 C44/(C11 - C12) of a cubic lattice, 2 C33/(C11 - C12) of a square one"),
+    _make_cubic_entry("anisotropy_error", f"{_OVER_SAMPLES} anisotropy", sampled=True),
     _make_modulus_entry(
         "tensor_error", f"{_OVER_SAMPLES} entries of the elastic tensor", sampled=True, dims=("voigt_row", "voigt_column")
     ),
@@ -318,18 +301,16 @@ _OBSERVABLES = (
     Observable("path_corners", "1/m", "distances along the path of its corners", cost="spectrum", dims=("corner_of_path",)),
     Observable("path_distance", "1/m", "distance of a wave vector along the path", cost="spectrum", dims=("wavevector",)),
     Observable("wavenumber", "1/m", "length of a wave vector of the array", cost="spectrum", dims=("wavevector",)),
-    _make_line_entry("line_frequency", "Hz", "frequency of a plane wave in the array: the peak of its spectral function"),
-    _make_line_entry("line_frequency_error", "Hz", f"{_OVER_SAMPLES} frequency of a plane wave", sampled=True),
-    _make_line_entry("line_width", "Hz", "width of the line of a plane wave: full, at half maximum, without the kernel's"),
-    _make_line_entry("line_width_error", "Hz", f"{_OVER_SAMPLES} width of a line", sampled=True),
-    _make_line_entry("line_resolved", "1", "part of the samples in which the width of a line is resolved"),
-    _make_line_entry("phase_velocity", "m/s", "phase velocity of a plane wave in the array"),
-    _make_line_entry("phase_velocity_error", "m/s", f"{_OVER_SAMPLES} phase velocity", sampled=True),
-    _make_line_entry(
-        "mean_free_path", "m", "mean free path of the energy of a plane wave; infinite where its line has no width"
-    ),
-    _make_line_entry("attenuation", "1/m", "attenuation of the amplitude of a plane wave"),
-    _make_line_entry("attenuation_error", "1/m", f"{_OVER_SAMPLES} attenuation", sampled=True),
+    _of_line("line_frequency", "Hz", "frequency of a plane wave in the array: the peak of its spectral function"),
+    _of_line("line_frequency_error", "Hz", f"{_OVER_SAMPLES} frequency of a plane wave", sampled=True),
+    _of_line("line_width", "Hz", "width of the line of a plane wave: full, at half maximum, without the kernel's"),
+    _of_line("line_width_error", "Hz", f"{_OVER_SAMPLES} width of a line", sampled=True),
+    _of_line("line_resolved", "1", "part of the samples in which the width of a line is resolved"),
+    _of_line("phase_velocity", "m/s", "phase velocity of a plane wave in the array"),
+    _of_line("phase_velocity_error", "m/s", f"{_OVER_SAMPLES} phase velocity", sampled=True),
+    _of_line("mean_free_path", "m", "mean free path of the energy of a plane wave; infinite where its line has no width"),
+    _of_line("attenuation", "1/m", "attenuation of the amplitude of a plane wave"),
+    _of_line("attenuation_error", "1/m", f"{_OVER_SAMPLES} attenuation", sampled=True),
     *(
         Observable(
             f"ioffe_regel_{name}{ending}", "Hz", f"{of}Ioffe-Regel frequency of {name} waves", cost="spectrum",
@@ -338,14 +319,11 @@ _OBSERVABLES = (
         for name in ("longitudinal", "transverse", "rotational")
         for ending, of in (("", ""), ("_error", f"{_OVER_SAMPLES} "))
     ),
-    Observable("dos_frequency", "Hz", "frequencies of the density of states of the array", cost="dos", dims=("node",)),
-    Observable("dos_total", "1/Hz", "density of states of the array, per ball that moves", cost="dos", dims=("node",)),
-    Observable("dos_translational", "1/Hz", "part of the density of states in translations", cost="dos", dims=("node",)),
-    Observable("dos_rotational", "1/Hz", "part of the density of states in rotations", cost="dos", dims=("node",)),
-    Observable(
-        "dos_error", "1/Hz", f"{_OVER_SAMPLES} density of states; of one sample that of the random vectors",
-        cost="dos", dims=("node",),
-    ),
+    _of_dos("dos_frequency", "Hz", "frequencies of the density of states of the array"),
+    _of_dos("dos_total", "1/Hz", "density of states of the array, per ball that moves"),
+    _of_dos("dos_translational", "1/Hz", "part of the density of states in translations"),
+    _of_dos("dos_rotational", "1/Hz", "part of the density of states in rotations"),
+    _of_dos("dos_error", "1/Hz", f"{_OVER_SAMPLES} density of states; of one sample that of the random vectors"),
     Observable(
         "surface_velocity", "m/s", "velocity of the long wave at the edge, along the first leg of the path",
         label="Surface velocity", cost="surface", told=True,
@@ -355,66 +333,43 @@ _OBSERVABLES = (
         cost="surface", dims=("surface_point", "surface_wave"),
     ),
     *(
-        Observable(f"{name}{ending}", unit, f"{of}{title} at each frequency", cost="network", sampled=bool(ending),
-                   dims=("response_frequency", "receiver"))
+        _of_response(f"{name}{ending}", unit, f"{of}{title} at each frequency", sampled=bool(ending))
         for name, unit, title in _RESPONSES for ending, of in (("", "magnitude of the "), ("_error", f"{_OVER_SAMPLES} "))
     ),
-    Observable(
-        "response_phase", "rad", "phase of the response, below zero where the receiver lags", cost="network",
-        dims=("response_frequency", "receiver"),
-    ),
-    Observable(
-        "peak_frequency", "Hz", "frequency of the highest peak of the response at the first receiver", cost="network",
-        told=True,
-    ),
+    _of_response("response_phase", "rad", "phase of the response, below zero where the receiver lags"),
+    _of_network("peak_frequency", "Hz", "frequency of the highest peak of the response at the first receiver", told=True),
     *(
-        Observable(f"peak_{name}", unit, f"{title} at its highest peak, at the first receiver", cost="network", told=True)
+        _of_network(f"peak_{name}", unit, f"{title} at its highest peak, at the first receiver", told=True)
         for name, unit, title in _RESPONSES
     ),
-    Observable(
+    _of_network(
         "peak_quality", "1", "Q factor of that peak, of its width at half the square; nan if it is not resolved",
-        label="Q of the peak", cost="network", told=True,
+        label="Q of the peak", told=True,
     ),
-    Observable(
+    _of_network(
         "front_velocity", "m/s", "velocity of the front of a motion, where forces have changed by half of what they ever do",
-        cost="network", told=True,
+        told=True,
     ),
-    Observable(
-        "peak_velocity", "m/s", "velocity of the greatest force of a motion between contacts", cost="network", told=True
-    ),
-    Observable("greatest_force", "N", "greatest normal force of a contact in a motion", cost="network", told=True),
+    _of_network("peak_velocity", "m/s", "velocity of the greatest force of a motion between contacts", told=True),
+    _of_network("greatest_force", "N", "greatest normal force of a contact in a motion", told=True),
     *(
-        Observable(f"{name}_error", unit, f"{_OVER_SAMPLES} {words} of a motion", cost="network", sampled=True)
-        for name, unit, words in (
-            ("front_velocity", "m/s", "front velocity"), ("peak_velocity", "m/s", "peak velocity"),
-            ("greatest_force", "N", "greatest force"),
-        )
+        _of_network(f"{name}_error", unit, f"{_OVER_SAMPLES} {name.replace('_', ' ')} of a motion", sampled=True)
+        for name, unit in (("front_velocity", "m/s"), ("peak_velocity", "m/s"), ("greatest_force", "N"))
     ),
     *(
-        Observable(f"energy_{name}", "J", f"{title} at the end of a motion", cost="network", told=name == "lost",
-                   label="Energy lost" if name == "lost" else "")
+        _of_network(f"energy_{name}", "J", f"{title} at the end of a motion", "Energy lost" * (name == "lost"),
+                    told=name == "lost")
         for name, title in _ENERGIES
     ),
-    *(
-        Observable(f"motion_{name}", "J", f"{title} over time", cost="network", dims=("motion_time",))
-        for name, title in _ENERGIES
-    ),
-    Observable("motion_force", "N", "greatest normal force of a contact over time", cost="network", dims=("motion_time",)),
+    *(_of_network(f"motion_{name}", "J", f"{title} over time", dims=("motion_time",)) for name, title in _ENERGIES),
+    _of_network("motion_force", "N", "greatest normal force of a contact over time", dims=("motion_time",)),
     Observable("choice", "", "medium that the automatic medium chose"),
     Observable("expected_error", "1", "expected relative error of velocities and frequencies"),
     Observable("truth", "", "simulated arrays that the expected error is relative to", swept=False),
-    Observable(
-        "frequencies", "Hz", "frequencies of the branches, in ascending order", cost="bands",
-        dims=("segment", "point", "branch"),
-    ),
-    *(
-        Observable(name, unit, title, cost="bands", dims=("segment", "point", "branch"))
-        for name, unit, title in (
-            ("damped_frequency", "Hz", "frequencies of the branches of contacts that lose energy"),
-            ("damped_decay", "1/s", "rates at which the amplitudes of these branches decay"),
-            ("damped_quality", "1", "Q factors of these branches, infinite without loss"),
-        )
-    ),
+    _of_bands("frequencies", "Hz", "frequencies of the branches, in ascending order"),
+    _of_bands("damped_frequency", "Hz", "frequencies of the branches of contacts that lose energy"),
+    _of_bands("damped_decay", "1/s", "rates at which the amplitudes of these branches decay"),
+    _of_bands("damped_quality", "1", "Q factors of these branches, infinite without loss"),
     Observable("gaps", "Hz", "intervals from zero to the top frequency without a branch", cost="bands", swept=False),
     Observable("top_frequency", "Hz", "the highest frequency of the bands", cost="bands", swept=False, told=True),
 )  # fmt: skip

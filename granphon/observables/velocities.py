@@ -54,9 +54,6 @@ def local_exponent(state: ContactState) -> Any:
     return given_state(state).exponent if found is None else found
 
 
-# -- velocities and moduli ------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class SoundVelocities(Result):
     """Velocities of long waves, m/s, with the shape of the load followed by the shape of the directions.
@@ -202,11 +199,8 @@ def choose_direction(state: State, direction: ArrayLike | None, what: str, isotr
     """
     periods = state.reference_lattice.periods
     if direction is None and not isotropic:
-        wrong, mend = (
-            f"the {what} of the {state.name} depend on the direction",
-            f"Give direction=({', '.join('xyz'[:periods])})",
-        )
-        raise InputError(wrong, mend=mend)
+        mend = f"Give direction=({', '.join('xyz'[:periods])})"
+        raise InputError(f"the {what} of the {state.name} depend on the direction", mend=mend)
     return as_direction(np.eye(periods)[0] if direction is None else direction, periods)
 
 
@@ -264,7 +258,6 @@ class Moduli(Result):
     cubic: bool = False
 
     def _field_units(self) -> dict[str, str]:
-        """The SI unit of each field: of moduli N on a line, else Pa."""
         return {name: "N" if unit == "Pa" and self.periods == 1 else unit for name, unit in self.units.items()}
 
     @property
@@ -289,8 +282,7 @@ class Moduli(Result):
         # the stress under a strain that is the same in all directions, without its mean pressure
         stress = np.sum(self.tensor[..., :p], axis=-1) - p * bulk[..., None] * (np.arange(self.tensor.shape[-1]) < p)
         if np.any(np.abs(stress) > _EVEN * np.abs(bulk)[..., None]):
-            what = "this lattice has no single bulk modulus"
-            raise InputError(what, "Its strain under pressure is not even", _AVERAGES)
+            raise InputError("this lattice has no single bulk modulus", "Its strain under pressure is not even", _AVERAGES)
         return bulk[()]
 
     @property
@@ -344,10 +336,12 @@ class Moduli(Result):
         a strain gives energy back, as it may with finite overlap.
         """
         self._require_shear()
-        stiffness, p = self._scale_strains(), self.periods
+        p = self.periods
+        # with strains yz, xz, xy times sqrt 2 it is a matrix between vectors
+        size = np.where(np.arange(self.tensor.shape[-1]) < p, 1.0, np.sqrt(2.0))
+        stiffness = self.tensor * size[:, None] * size
         if np.min(np.linalg.eigvalsh(0.5 * (stiffness + stiffness.swapaxes(-1, -2)))) <= 0.0:
-            what = "the elastic tensor is not positive"
-            raise InstabilityError(what, "A strain gives energy back", "Use .tensor")
+            raise InstabilityError("the elastic tensor is not positive", "A strain gives energy back", "Use .tensor")
         compliance = np.linalg.inv(stiffness)
         under_pressure = np.sum(compliance[..., :p, :p], axis=(-2, -1))
         rest = np.trace(compliance, axis1=-2, axis2=-1) - under_pressure / p
@@ -362,11 +356,6 @@ class Moduli(Result):
     def _find_bulk(self) -> Array:
         """Return the mean pressure under a strain that is the same in all directions, over the change of volume."""
         return np.asarray(np.sum(self.tensor[..., : self.periods, : self.periods], axis=(-2, -1)) / self.periods**2)
-
-    def _scale_strains(self) -> Array:
-        """Return the tensor with strains yz, xz, xy times sqrt 2, in which it is a matrix between vectors."""
-        size = np.where(np.arange(self.tensor.shape[-1]) < self.periods, 1.0, np.sqrt(2.0))
-        return np.asarray(self.tensor * size[:, None] * size)
 
     def _require_shear(self) -> None:
         if self.periods == 1:

@@ -83,7 +83,6 @@ def _describe_row(row: Row) -> dict[str, Any]:
 
 
 def _describe_cell(lattice: ContactLattice, name: str, path: BandPath) -> dict[str, Any]:
-    """Return the cell, its balls and contacts, the path and the zone."""
     table, p, reciprocal = lattice.contacts, lattice.periods, lattice.reciprocal
     labels, pieces = list(path.labels or ()), []
     for points in path.arrays:
@@ -105,7 +104,6 @@ def _describe_cell(lattice: ContactLattice, name: str, path: BandPath) -> dict[s
 
 
 def _pad(vectors: Array) -> Array:
-    """Return vectors (n, d) as vectors (n, 3)."""
     return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
 
 

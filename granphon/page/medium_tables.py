@@ -188,8 +188,6 @@ def _make_law(packing: Packing, choice: MediumChoice, eta: float) -> Law | None:
 
 
 def _follow(law: Law) -> _Curve:
-    """Return a law of units W and c W^(3/2) as a curve."""
-
     def curve(x: Array) -> tuple[Array, Array, Array]:
         force = np.exp(x)
         overlap = np.asarray(law.overlap(force))

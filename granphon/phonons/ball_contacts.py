@@ -21,7 +21,7 @@ from ase.neighborlist import primitive_neighbor_list
 from ase.utils.plugins import ExternalIOFormat
 
 from granphon.balls.ball import Ball, ContactConstants
-from granphon.balls.contact_laws import Hertz, PairLaw, check_law, find_law, law_between, opening_overlap
+from granphon.balls.contact_laws import Hertz, PairLaw, check_law, law_of_pair, opening_overlap, read_laws
 from granphon.balls.material import Material
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, brief
@@ -83,9 +83,7 @@ class BallContacts(ContactCalculator):
             mend = 'Give a granphon.Ball or Material for each kind, as {"Na": ball}'
             raise InputError(f"the balls are {brief(dict(balls))}", mend=mend)
         self.balls, self.friction = dict(balls), friction
-        pairs = law if isinstance(law, Mapping) else {}
-        self._law = None if pairs else Hertz() if law is None else find_law(law)
-        self._laws = {frozenset(pair): find_law(one) for pair, one in pairs.items()}
+        self._law = read_laws(law)
         self._known = dict[tuple[str, float, str, float], tuple[PairLaw, float]]()
 
     def find_radii(self, atoms: Atoms) -> tuple[list[str], Array]:
@@ -112,11 +110,7 @@ class BallContacts(ContactCalculator):
         key = (kind, radius, other, wide)
         if key not in self._known:
             one, two = (self._make(name, size) for name, size in ((kind, radius), (other, wide)))
-            law, constants = self._laws.get(frozenset((kind, other)), self._law), ContactConstants.of(one, two)
-            if law is None:
-                what = f"law has none for contacts of {kind!r} and {other!r}"
-                raise InputError(what, mend="Give one for each pair of kinds that touch")
-            found = law_between(law, one, two)
+            found, constants = law_of_pair(self._law, one, two, kind, other), ContactConstants.of(one, two)
             check_law(found, constants.radius)
             self._known[key] = found, constants.mindlin_ratio
         return self._known[key]
@@ -134,7 +128,7 @@ class BallContacts(ContactCalculator):
         code, unit = np.array([number[key] for key in keys], np.intp), 2.0 * float(np.mean(radii)) if keys else 1.0
         # balls that adhere touch until they are this much apart: Hertz's are cheap to tell
         apart = 0.0
-        if not (not self._laws and isinstance(self._law, Hertz)):
+        if not isinstance(self._law, Hertz):
             ends = [opening_overlap(self._find_law(*one, *two)[0]) for one in every for two in every]
             apart = -min([0.0, *ends])
         if math.isinf(apart):

@@ -2,14 +2,14 @@
 
 Atoms are in reduced units and carry the arrays of :mod:`granphon.array.atoms`. The reference direction of a contact is the
 nearest contact vector of the lattice, so that reference positions need not be stored: slip does not change when the lattice
-is moved as a whole.
+is moved as a whole. A pair of balls counts as the contact of the lattice whose vector is nearest to its own.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, overload
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, overload
 
 import numpy as np
 from ase import Atoms
@@ -28,11 +28,11 @@ from granphon.array.atoms import (
     require_lying,
     take_arrays,
 )  # fmt: skip
-from granphon.balls.contact_table import ContactTable
+from granphon.balls.contact_table import TOUCH, ContactTable, find_pairs
 from granphon.balls.lattices import BALL
 from granphon.balls.motions import ALL, IN_PLANE, LONGITUDINAL, OUT_OF_PLANE, allowed_motions, select_motions
 from granphon.balls.packing import MINDLIN
-from granphon.base.arrays import Array
+from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, PrecisionError, brief
 from granphon.base.results import read_only
 from granphon.base.scales import Units
@@ -43,7 +43,6 @@ from granphon.dynamics.rows import Row, contact_rows, push_rows
 from granphon.media.state import ContactState, Law, NetworkState, as_state, given_state
 from granphon.networks.network import ContactNetwork
 from granphon.phonons.ball_contacts import VOIGT, BallContacts, ContactCalculator
-from granphon.phonons.contacts import ContactFinder, keep_rows
 from granphon.phonons.phonopy_atoms import choose_symbols, name_balls
 
 if TYPE_CHECKING:
@@ -58,6 +57,20 @@ _FAR = 0.5
 _MOTIONS = (LONGITUDINAL, IN_PLANE, ALL)
 #: what the cell of a lattice of 1, 2 or 3 periods is measured by
 _EXTENTS = ("length along x", "area in the plane", "volume")
+#: greatest distance, in diameters, between the vector of a pair and a contact vector of the lattice for the pair to count as
+#: that contact
+_CATCH = 0.25
+#: greatest rotation of the whole lattice that is accepted when energies are found. The measure is the overlap that the
+#: rotation would add to contacts of fixed direction, over the overlap that they have
+_TURN_PER_OVERLAP = 1e-2
+#: the same when force constants are found, as added overlap over the spacing. It is larger, because positions then only tell
+#: which balls touch
+_TURN_PER_SPACING = 1e-4
+#: distance, in diameters, by which a list reaches beyond the cutoff. A list serves until a ball has moved by half of it. It
+#: is small enough that a list does not reach the second neighbours of the lattices.
+_SKIN = 0.3
+#: length, area or volume, in diameters, below which a cell counts as one of none
+_FLAT = 1e-12
 
 
 def atoms(state: Any) -> Atoms:
@@ -191,6 +204,67 @@ class HarmonicContacts(ContactCalculator):
         return self.state.network
 
 
+class Pairs(NamedTuple):
+    """Pairs of balls, each once: indices ``i`` and ``j`` (n,), vectors (n, m) from i to j, in diameters.
+
+    ``shift`` (n, m) is the number of whole cells by which the image of ball j is shifted. m is 1, 2 or 3, the number of
+    coordinates of a ball.
+    """
+
+    i: Index
+    j: Index
+    shift: Index
+    vector: Array
+
+
+def keep_rows(kept: Flags, *arrays: Any) -> tuple[Any, ...]:
+    """Return the rows of each array that are ``kept``; the arrays themselves if that is all of them, as it mostly is."""
+    return arrays if kept.all() else tuple(values[kept] for values in arrays)
+
+
+class PairList:
+    """A search for pairs that keeps its list. The list reaches beyond the cutoff, and serves until it might miss a pair."""
+
+    def __init__(self) -> None:
+        self._kept: tuple[Pairs, Array, Array, tuple[bool, ...], float] | None = None
+
+    def near(self, positions: Array, cell: Array, periodic: tuple[bool, ...], cutoff: float) -> Pairs:
+        """Find the pairs nearer than ``cutoff``, in the order of (i, j, shift); all lengths are in diameters.
+
+        ``positions`` are (N, m), ``cell`` is (m, m), with a row for each axis, periodic or not. A kept list gives the same
+        numbers to the last digit as a new one. Raises :class:`~granphon.base.errors.InputError` for a periodic axis whose
+        cell vector has no length, and for periods that are not independent of each other.
+        """
+        serves = False
+        if self._kept is not None and positions.shape == self._kept[1].shape and periodic == self._kept[3]:
+            _, old, last, _, reach = self._kept
+            # a change of the cell maps every vector to vector F. A pair that was beyond the reach is then at least s times
+            # the reach apart, where s is the smallest singular value of F, less what its two balls have moved besides
+            stretch = 1.0
+            if not np.array_equal(cell, last):
+                change = np.linalg.solve(last, cell) if abs(np.linalg.det(last)) >= _FLAT else np.zeros_like(cell)
+                stretch, old = float(np.linalg.svd(change, compute_uv=False)[-1]), old @ change
+            moved = positions - old
+            farthest = float(np.sqrt(np.max(np.einsum("na,na->n", moved, moved), initial=0.0)))
+            serves = stretch * reach - 2.0 * farthest >= cutoff
+        if self._kept is None or not serves:
+            reach, axes = cutoff + _SKIN, np.flatnonzero(periodic)
+            periods = cell[axes]
+            if not np.all(np.any(periods, axis=1)):
+                raise InputError("the balls are periodic along a cell vector of zero length", "The period is not known")
+            if len(axes) and np.prod(np.linalg.svd(periods, compute_uv=False)) < _FLAT:
+                what = f"the balls are periodic in a cell without {('a length', 'an area', 'a volume')[len(axes) - 1]}"
+                raise InputError(what, f"Its vectors are {'parallel' if len(axes) == 2 else 'not independent'}")
+            i, j, steps, vector = find_pairs(positions, periods, reach)
+            shift = np.zeros((len(i), len(cell)), np.intp)
+            shift[:, axes] = steps
+            self._kept = Pairs(i, j, shift, vector), positions.copy(), cell.copy(), periodic, reach
+        i, j, shift, _ = self._kept[0]
+        vector = positions[j] - positions[i] + shift @ cell
+        near = np.einsum("ca,ca->c", vector, vector) < cutoff**2
+        return Pairs(*keep_rows(near, i, j, shift, vector))
+
+
 class HertzMindlin(ContactCalculator):
     """ASE calculator of one-sided Hertz-Mindlin contacts, in the reduced units of its state.
 
@@ -250,14 +324,8 @@ class HertzMindlin(ContactCalculator):
         self._motions = select_motions(self._eta, self._torsion, self._bending, _MOTIONS[self._coordinates - 1])
         self._overlap, self._apart = float(self.state.relative_overlap), self.state.law.least_overlap / self.scales.length
         self._spacing = 1.0 - self._overlap if self.finite_overlap else 1.0
-
-    @cached_property
-    def _contacts(self) -> ContactFinder:
         # with finite overlap a contact of balls that do not turn acts along the line between them, whatever the lattice
-        return ContactFinder(
-            self.state, self._coordinates, self._overlap, self._apart, self._spacing,
-            free=self.finite_overlap and not self._motions.rotate,
-        )  # fmt: skip
+        self._free, self._near = self.finite_overlap and not self._motions.rotate, PairList()
 
     def set(self, **unknown: Any) -> dict[str, Any]:
         """Raise InputError for any parameter: all that this calculator needs is in its state."""
@@ -304,10 +372,10 @@ class HertzMindlin(ContactCalculator):
             raise PrecisionError(what, f"Below {_LEAST_OVERLAP:g} positions hold too few digits of that", mend)
         law, n, m = self._choose_law(balls), len(balls), self._coordinates
         # the contacts that are closed at the positions of the balls
-        i, j, _, vector = self._contacts.find_pairs(balls, balls.positions[:, :m])
+        i, j, _, vector = self._find_pairs(balls, balls.positions[:, :m])
         deviations = balls.arrays["diameter_deviations"]
         extra = 0.5 * (deviations[i] + deviations[j])
-        normal, near = self._contacts.find_normals(vector, extra)
+        normal, near = self._find_normals(vector, extra)
         if self.finite_overlap:
             distance = np.linalg.norm(vector, axis=1)
             along = vector / distance[:, None]
@@ -324,14 +392,14 @@ class HertzMindlin(ContactCalculator):
         angles = np.atleast_2d(balls.arrays["rotations"].T)  # one row for each axis
         torque_i, torque_j = ([np.zeros(len(i)) for _ in angles] for _ in range(2))
         if self._motions.rotate:
-            rest = self._contacts.find_rest(balls, i, j, normal)
+            axis_at_rest, overlap_at_rest, _ = self._find_rest(balls, i, j, normal)
             origin = balls.arrays["slip_origin"][:, :m]
             moved = vector - self._spacing * normal - (origin[j] - origin[i])
             # kappa is that of the reference state: slip adds to the energy of that state; so do twist and roll
-            stiffness, torsion = self._find_springs(law, rest.overlap)
+            stiffness, torsion = self._find_springs(law, overlap_at_rest)
             arm_i, arm_j = (self._spacing * 0.5 * (1.0 + deviations[ball]) for ball in (i, j))
             for row in contact_rows(
-                rest.axis, arm_i, arm_j, self._motions,
+                axis_at_rest, arm_i, arm_j, self._motions,
                 elongation=0.0, slip=self._eta, twist=torsion, roll=self._bending,
             ):  # fmt: skip
                 head, tail = row.head.T, row.tail.T
@@ -373,6 +441,82 @@ class HertzMindlin(ContactCalculator):
         return self._torques.copy()
 
     # -- contacts ---------------------------------------------------------------------------------------------------
+
+    def _find_pairs(self, balls: Atoms, places: Array) -> Pairs:
+        """Find the pairs of balls that are near enough to touch, each pair once."""
+        largest = 1.0 + float(np.max(balls.arrays["diameter_deviations"], initial=0.0)) + _CATCH
+        m, p = self._coordinates, self._periods
+        cell = np.asarray(balls.cell)[:m, :m]
+        if p < m:  # no vector across the periods counts
+            cell = np.concatenate([cell[:p], np.eye(m)[p:]])
+        return self._near.near(places, cell, tuple(balls.pbc[:m].tolist()), largest)
+
+    @cached_property
+    def _directions(self) -> Array:
+        """(2 n_c, m) contact vectors of the lattice, both ways, at spacing one."""
+        normal = self.state.packing.structure.contacts.normal
+        return np.pad(np.concatenate([normal, -normal]), ((0, 0), (0, self._coordinates - normal.shape[1])))
+
+    @cached_property
+    def _midway(self) -> float:
+        """Distance halfway from that of touching balls to that of second neighbours, if these are close."""
+        cell, places = np.eye(3), np.zeros((self.state.packing.structure.n_balls, 3))
+        cell[: self._periods, : self.state.packing.structure.dimension] = self.state.packing.structure.vectors
+        places[:, : self.state.packing.structure.dimension] = self.state.packing.structure.positions
+        pairs = PairList().near(places, cell, tuple(axis < self._periods for axis in range(3)), 1.0 + 2.0 * _CATCH)
+        distance = np.linalg.norm(pairs.vector, axis=1)
+        second = np.min(distance, where=distance > 1.0 + TOUCH, initial=1.0 + 2.0 * _CATCH)
+        return 0.5 * self._spacing * (1.0 + float(second))
+
+    def _find_normals(self, vector: Array, extra: Array, at_sites: bool = False) -> tuple[Array, Flags]:
+        """Find the direction of the lattice contact nearest to each pair, and whether the pair is near enough to be it.
+
+        ``extra`` (n,) is what the diameters of the two balls add to the distance at which they touch. ``at_sites`` says that
+        the vectors join the sites of the balls, and so only tell which balls touch.
+
+        Raises :class:`InputError` if balls touch in another direction, or if the lattice is turned too far for contacts of
+        fixed direction.
+        """
+        distance = np.linalg.norm(vector, axis=1)
+        if self._free:
+            near = np.abs(distance - self._spacing) < _CATCH
+            return vector / distance[:, None], near & (distance < self._midway) if at_sites else near
+        nearest = np.argmax(vector @ self._directions.T, axis=1)
+        normal = self._directions[nearest]
+        near = np.linalg.norm(vector - self._spacing * normal, axis=1) < _CATCH
+        reach = self._spacing + self._overlap + extra - self._apart
+        astray = ~near & (distance < reach)
+        touching = near & (np.einsum("ca,ca->c", vector, normal) < reach)
+        turn = _find_turn(normal, vector, distance, touching)
+        turned = _TURN_PER_SPACING if at_sites else _TURN_PER_OVERLAP * (self._overlap - self._apart)
+        if np.any(astray) or 0.5 * turn**2 > turned:
+            what = f"contacts are turned against the lattice of the state, by {np.degrees(turn):.3g} degrees on average"
+            if np.any(astray):
+                what = "balls touch in directions that are not those of the lattice"
+            why = "With friction, and in the limit of small overlap, contacts keep these"
+            mend = "Keep the orientation of gp.atoms(state), or take a state of finite overlap without friction"
+            raise InputError(what, why, mend)
+        return normal, near
+
+    def _find_rest(self, balls: Atoms, i: Index, j: Index, normal: Array) -> tuple[Array, Array, Array]:
+        """Find direction, overlap and distance of each contact in the reference state.
+
+        There balls are displaced from their sites, which are one spacing apart in the direction ``normal``. In the paper's
+        limit the contact keeps the direction of the sites. The overlap is found without adding displacements to the spacing,
+        where it would lose its digits.
+        """
+        deviations = balls.arrays["diameter_deviations"]
+        displacements = balls.arrays["displacements"][:, : self._coordinates]
+        moved = displacements[j] - displacements[i]
+        overlap = self._overlap + 0.5 * (deviations[i] + deviations[j])
+        along = np.einsum("ca,ca->c", normal, moved)
+        if not self.finite_overlap:
+            return normal, overlap - along, np.full(len(normal), self._spacing)
+        vector = self._spacing * normal + moved
+        distance = np.linalg.norm(vector, axis=1)
+        # |r| - a for r = a n + u, without the difference of two nearly equal numbers
+        farther = (2.0 * self._spacing * along + np.einsum("ca,ca->c", moved, moved)) / (distance + self._spacing)
+        return vector / distance[:, None], overlap - farther, distance
 
     def _choose_law(self, balls: Atoms) -> Law:
         """Return the contact law of these balls; raises :class:`InputError` if the balls cannot belong to the state."""
@@ -467,10 +611,10 @@ class HertzMindlin(ContactCalculator):
         deviations = atoms.arrays["diameter_deviations"]
         m, periods, dimension = self._coordinates, self._periods, packing.structure.dimension
         sites = atoms.positions[:, :m] - atoms.arrays["displacements"][:, :m]
-        i, j, shift, vector = self._contacts.find_pairs(atoms, sites)
-        normal, near = self._contacts.find_normals(vector, 0.5 * (deviations[i] + deviations[j]), at_sites=True)
-        rest = self._contacts.find_rest(atoms, i, j, normal)
-        closed = near & (rest.overlap > law.least_overlap / self.scales.length)
+        i, j, shift, vector = self._find_pairs(atoms, sites)
+        normal, near = self._find_normals(vector, 0.5 * (deviations[i] + deviations[j]), at_sites=True)
+        rest = self._find_rest(atoms, i, j, normal)
+        closed = near & (rest[1] > law.least_overlap / self.scales.length)
         i, j, shift, vector, axis, overlap, distance = keep_rows(closed, i, j, shift, vector, *rest)
         width = m if np.any(axis[:, dimension:]) else dimension
         d, k = self.scales.length, self.scales.stiffness
@@ -540,6 +684,20 @@ class HertzMindlin(ContactCalculator):
         dense = np.zeros((size * n, size * n))
         np.add.at(dense, (first, second), blocks.ravel())
         return dense.reshape(n, size, n, size).transpose(0, 2, 1, 3)[:, :, slots][..., slots]
+
+
+def _find_turn(normal: Array, vector: Array, distance: Array, touching: Flags) -> float:
+    """Return the angle, rad, by which contacts are turned against their normals on average; in the plane with its sign."""
+    if normal.shape[1] == 1 or not np.any(touching):
+        return 0.0
+    if normal.shape[1] == 2:
+        across, apart = keep_rows(touching, normal[:, 0] * vector[:, 1] - normal[:, 1] * vector[:, 0], distance)
+        return float(np.mean(across / apart))
+    normal, vector, distance = keep_rows(touching, normal, vector, distance)
+    # a turn by omega gives n x v = (1 - nn) omega; along a single line of contacts omega has no part that could be seen
+    across = np.sum(np.cross(normal, vector) / distance[:, None], axis=0)
+    turn = np.linalg.pinv(len(normal) * np.eye(3) - normal.T @ normal, rcond=1e-9, hermitian=True) @ across
+    return float(np.linalg.norm(turn))
 
 
 def _list_springs(lattice: ContactLattice) -> list[tuple[Row, Array]]:

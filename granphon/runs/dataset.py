@@ -31,7 +31,7 @@ from granphon.base.progress import Progress, silent
 from granphon.base.quantities import LIGHT_VELOCITY, LOAD_KINDS, find_load_unit, is_si
 from granphon.base.results import restore
 from granphon.base.tables import Heading, write_table
-from granphon.base.text import closest, damage_error, digest, read_bytes, require_schema, show, versions, warn_unverified
+from granphon.base.text import damage_error, digest, read_bytes, require_schema, show, suggest, versions, warn_unverified
 from granphon.base.validation import find_unit_of
 from granphon.dynamics.long_waves import voigt_names
 from granphon.media.arrangement import Balls
@@ -44,6 +44,7 @@ from granphon.runs.tasks import (
     SWEEP_SCHEMA,
     Grid,
     SampleRecord,
+    add_waves,
     drop_marks,
     explain_end,
     find_reached,
@@ -158,7 +159,9 @@ class SweepRun:
 
     def join_alone(self, analysis: Analysis, records: Sequence[SampleRecord]) -> Dataset:
         """Return the data set of a single state that has been found, with the records of its samples; see :meth:`join`."""
-        return fill(self.frame, self.grid, [self.grid.cases[0].observe_alone(analysis, records)])
+        (task,) = self.grid.cases[0].media
+        out = task.observe(analysis)
+        return fill(self.frame, self.grid, [out if task.asked.waves is None else add_waves(out, task, task.load, records)])
 
 
 # -- the frame, and results in it -------------------------------------------------------------------------------------
@@ -183,8 +186,7 @@ def make_frame(grid: Grid) -> Dataset:
     if (way := asked.find_path(packing.structure)) is not None:
         if len({(case.packing.structure, case.packing.ball_motions) for case in grid.cases}) > 1:
             why = "The number of branches, or the Brillouin zone, differs, so that they do not fit into one array"
-            what = "bands cannot be swept over friction, motions or lattices"
-            raise InputError(what, why, "Make a sweep of each")
+            raise InputError("bands cannot be swept over friction, motions or lattices", why, "Make a sweep of each")
         vectors, p = packing.structure.vectors, packing.structure.periods
         qpoints, ticks = way
         cartesian = qpoints[..., :p] @ np.linalg.inv(vectors[:, :p]).T
@@ -328,9 +330,8 @@ def fill(frame: Dataset, grid: Grid, parts: list[TaskResult]) -> Dataset:
     # a single state needs no name
     warnings = list(dict.fromkeys(text for _, text in told)) if grid.asked.alone else label_warnings(told)
     if any(serving.chosen_automatically for one in grid.cases for serving in one.serving_media):
-        for number, one in enumerate(
-            grid.cases
-        ):  # the medium that serves each load, and its error, +inf where that is not known
+        # the medium that serves each load, and its error, +inf where that is not known
+        for number, one in enumerate(grid.cases):
             choice, error = np.empty(load.size, object), np.empty(load.size)
             for serving in one.serving_media:
                 choice[serving.loads], error[serving.loads] = serving.medium.label, serving.errors
@@ -388,12 +389,10 @@ def _fill_gaps(parts: Sequence[TaskResult], periods: int) -> tuple[list[TaskResu
 
 
 def _is_of_sound(name: str) -> bool:
-    """Whether a quantity is a velocity or a modulus."""
     return name in CATALOGUE and CATALOGUE[name].cost == "velocities"
 
 
 def _list_attributes(name: str, values: Array, packing: Balls) -> dict[str, str]:
-    """Return the attributes of a variable of a packing: its meaning, and the unit of its numbers."""
     entry = entry_of(name, packing)
     return {"long_name": entry.title} | ({"units": entry.unit} if entry.unit and values.dtype.kind in "iuf" else {})
 
@@ -453,8 +452,7 @@ def write_sweep(dataset: Dataset, path: Path) -> None:
     file. The second is that of all bytes of the netCDF file and stands behind the end of what HDF5 reads, so that damage is
     found before HDF5 reads the file.
     """
-    marked = dataset.assign_attrs({DIGEST: _digest_numbers(dataset)})
-    data = netcdf_bytes(marked)
+    data = netcdf_bytes(dataset.assign_attrs({DIGEST: _digest_numbers(dataset)}))
     path.write_bytes(data)
     with path.open("ab") as stream:
         stream.write(_TRAILER + hashlib.sha256(data).hexdigest().encode())
@@ -665,8 +663,7 @@ class SweepAccessor:
         data = self._dataset
         for one in (name, over or name):
             if one not in data.variables:
-                meant = closest(one, map(str, data.variables))
-                raise InputError(f"the data set has no {one!r}", mend=f"Did you mean {meant!r}?" if meant else "")
+                raise InputError(f"the data set has no {one!r}", mend=suggest(one, list(map(str, data.variables))))
         values = data[name]
         loads = data[over or find_load(data)]
         if "load" not in values.dims or data.sizes["load"] < 3:

@@ -44,9 +44,6 @@ _MAKE = (f"PRAGMA application_id = {int.from_bytes(_KIND)}", f"PRAGMA user_versi
 _MOST_NAMED = 3
 
 
-# -- entries --------------------------------------------------------------------------------------------------------
-
-
 def encode(name: str, part: TaskResult) -> bytes:
     """Return the entry of a result: SHA-256 of the rest, name, layout, arrays. Equal results give equal bytes."""
     layout = json.dumps([(key, one.dtype.str, one.shape) for key, one in part.items()])
@@ -85,9 +82,6 @@ def read_entries(path: str | os.PathLike[str]) -> Iterator[tuple[str, TaskResult
                 yield name, part
     finally:
         store.close()
-
-
-# -- the store ------------------------------------------------------------------------------------------------------
 
 
 class Store:
@@ -326,7 +320,6 @@ def _is_empty(base: sqlite3.Connection) -> bool:
     return not base.execute("SELECT 1 FROM sqlite_master LIMIT 1").fetchall()
 
 
-# -- whose results they are -----------------------------------------------------------------------------------------
 def _find_differences(there: Any, here: Any, where: str) -> Iterator[str]:
     if isinstance(there, dict) and isinstance(here, dict):
         for key in there | here:

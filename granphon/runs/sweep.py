@@ -39,9 +39,6 @@ from granphon.waves.settings import PulseSettings, SpectrumSettings, WaveSetting
 Array = NDArray[Any]
 
 
-# -- the sweep ------------------------------------------------------------------------------------------------------
-
-
 def sweep(
     packing: Packing | Arrangement | Crystal,
     *,
@@ -246,11 +243,7 @@ def sweep_grid(
     return dataset
 
 
-# -- paths of loads that end early -----------------------------------------------------------------------------------
-
-
 def _incomplete_files(name: str) -> list[str]:
-    """Return the names of the files for the loads that were reached, of a sweep whose result has this ``name``."""
     path = Path(name)
     return file_names(path.with_stem(f"{path.stem}_{INCOMPLETE}"))
 

@@ -146,6 +146,10 @@ class Case:
         """Medium and swept parameters in words, as messages of sweeps name them."""
         return ", ".join(filter(None, (self.medium.label, self.where)))
 
+    def name(self, serving: ServingMedium) -> str:
+        """Return the label of one of the media that serve the loads, with its own where it was chosen automatically."""
+        return f"{self.label}: {serving.medium.label}" if serving.chosen_automatically else self.label
+
     @cached_property
     def serving_media(self) -> list[ServingMedium]:
         """The media that serve the loads, each with its loads: the medium itself, or those that an automatic medium chooses.
@@ -162,19 +166,11 @@ class Case:
             serving_media = [one for serving in self.serving_media for one in serving.by_geometry(self.asked.finite_overlap)]
         except InputError as error:
             at, periods = error.load_index, self.packing.structure.periods
-            located = _name_task(self.label, error) if at is None else _name_load(self.label, self.load, at, error, periods)
-            raise located from error
+            raise _name_load(self.label, self.load, at, error, periods) from error
         # lattices have no waves of their own here, but for those of networks, and their exponents cost nothing
         networks = () if self.asked.waves is None else self.asked.waves.of_networks
         ideal = replace(self.asked, waves=WaveSettings(of_networks=networks) if networks else None, exponents=True)
-        return [
-            MediumTask(
-                f"{self.label}: {serving.medium.label}" if serving.chosen_automatically else self.label,
-                serving,
-                self.asked if serving.arrays else ideal,
-            )
-            for serving in serving_media
-        ]
+        return [MediumTask(self.name(one), one, self.asked if one.arrays else ideal) for one in serving_media]
 
     @cached_property
     def tasks(self) -> list[MediumTask]:
@@ -207,17 +203,6 @@ class Case:
                 ]
                 out[name] = np.concatenate(pad_alike(rows))[order]
         return out | marks
-
-    def observe_alone(self, analysis: Analysis, records: Sequence[SampleRecord]) -> TaskResult:
-        """Return the variables of the only state; ``records`` are those of its samples, if it has any."""
-        (task,) = self.media
-        out = task.observe(analysis)
-        return out if task.asked.waves is None else _add_waves(out, task, task.load, records)
-
-    def record_alone(self, state: ContactState) -> list[SampleRecord]:
-        """Return what is asked of the network of the only state, without samples, with whole results."""
-        (task,) = self.media
-        return task.record_networks(state, whole=True)
 
     def restore(self, parts: Sequence[TaskResult]) -> SimulatedState:
         """Return the only state, that of a simulation, with the samples whose balls the :attr:`tasks` kept."""
@@ -351,7 +336,7 @@ class MediumTask(Task):
         records = [SampleRecord.from_part(part, index) for index in places for part in own]
         out = self.observe(Analysis(SimulatedState.of(self.simulation, records, load), self.asked.direction))
         if self.asked.waves is not None:
-            out = _add_waves(out, self, load, records)
+            out = add_waves(out, self, load, records)
         return _expand_loads(out, places, size) | _join_marks(parts, [np.arange(size)] * len(parts))
 
     def state(self, load: Load) -> ContactState:
@@ -369,7 +354,7 @@ class MediumTask(Task):
         except GranphonError as error:
             raise self._locate(error) from error
         records = [] if self.serving.arrays else self.record_networks(analysis.state)
-        return _add_waves(out, self, self.load, records) if records else out
+        return add_waves(out, self, self.load, records) if records else out
 
     def observe(self, analysis: Analysis) -> TaskResult:
         """Return the variables of a state, with an axis of loads, and its "warnings"."""
@@ -440,7 +425,7 @@ class MediumTask(Task):
             except GranphonError as error:
                 if self.asked.alone:
                     raise
-                raise _name_task(f"{self.where}, {self.load[index].describe(periods)}", error) from None
+                raise error.restate(f"{self.where}, {self.load[index].describe(periods)}: {error}") from None
         return records
 
     def _locate(self, error: GranphonError) -> GranphonError:
@@ -452,8 +437,9 @@ class MediumTask(Task):
         if self.asked.alone:
             error.load_index = 0 if error.option is None else None
             return error
+        periods = self.serving.packing.structure.periods
         if error.option is not None:  # it is not about a load
-            return _name_task(self.where, error)
+            return _name_load(self.where, self.load, None, error, periods)
         at, first = error.load_index, error  # an error of a simulation knows its load: nothing is simulated again
         for index in range(self.load.size) if at is None else ():
             try:
@@ -461,26 +447,21 @@ class MediumTask(Task):
             except GranphonError as alone:
                 at, first = index, alone
                 break
-        if at is None:
-            return _name_task(self.where, error)
-        located = _name_load(self.where, self.load, at, first, self.serving.packing.structure.periods)
-        located.load_index = int(self.serving.loads[at])
+        located = _name_load(self.where, self.load, at, first if at is not None else error, periods)
+        located.load_index = error.load_index if at is None else int(self.serving.loads[at])
         return located
 
 
-def _name_load(where: str, load: Load, index: int, error: GranphonError, periods: int) -> GranphonError:
-    """Return ``error`` with the task and the load number ``index`` before its message; its ``load_index`` is that number."""
+def _name_load(where: str, load: Load, index: int | None, error: GranphonError, periods: int) -> GranphonError:
+    """Return ``error`` with the task, and the load number ``index`` if it is known, which it keeps, before its message."""
+    if index is None:
+        return error.restate(f"{where}: {error}")
     located = error.restate(f"{where}, {load[index].describe(periods)}: {error}")
     located.load_index = index
     return located
 
 
-def _name_task(where: str, error: GranphonError) -> GranphonError:
-    """Return ``error`` with the task before its message."""
-    return error.restate(f"{where}: {error}")
-
-
-def _add_waves(out: TaskResult, task: MediumTask, load: Load, records: Sequence[SampleRecord]) -> TaskResult:
+def add_waves(out: TaskResult, task: MediumTask, load: Load, records: Sequence[SampleRecord]) -> TaskResult:
     """Return ``out`` with the means over samples of the waves at the loads of a task, and notes on what is not known.
 
     A state without samples has one record at each load.
@@ -542,8 +523,7 @@ class SampleTask(MediumTask):
                 order = history.sort(simulation.prescribed(self.load))
                 places = sorted(order[: len(error.reached.force)])
                 at = -1 if error.load_index is None else error.load_index
-                missed = np.setdiff1d(np.arange(size), places)
-                marks = {_MISSED: missed, _WHY: np.array([str(error)]), _AT: np.array([at])}
+                marks = {_MISSED: np.setdiff1d(np.arange(size), places), _WHY: np.array([str(error)]), _AT: np.array([at])}
                 return _expand_loads(self._record(error.reached.samples), places, size) | marks
         index: int | None = None
         try:
@@ -571,7 +551,14 @@ class SampleTask(MediumTask):
     def _record(self, samples: Sequence[Any]) -> TaskResult:
         asked = self.asked
         found = SampleRecord.to_part([SampleRecord.of(one, asked.waves, asked.exponents, asked.alone) for one in samples])
-        return found | keep_balls(samples[0]) if asked.alone else found
+        if not asked.alone:
+            return found
+        # the balls at rest, each array after an axis of one load
+        rest = samples[0].equilibrium
+        kept = {name: np.asarray(getattr(rest, name)) for name in _list_kept(type(rest))}
+        if not isinstance(samples[0], PressedSample):  # after a history they follow from the elastic tensors
+            kept["derivatives"] = np.array([rest.stiffness, rest.stiffness_slope])
+        return found | {_BALLS + name: value[None] for name, value in kept.items()}
 
 
 class SampleRecord(SimpleNamespace):
@@ -598,8 +585,7 @@ class SampleRecord(SimpleNamespace):
             found = record_waves(sample, waves, whole)
         beside = ("elastic_tensors_beside",) * bool(exponents and sample.packing.spread_matters)
         names = (*_AVERAGED, *beside, *(name for name in HISTORY_UNITS if hasattr(sample, name)))
-        numbers = {name: getattr(sample, name) for name in names}
-        return cls(**numbers, fraction=sample.contact_fraction(), of_waves=found)
+        return cls(**{name: getattr(sample, name) for name in names}, fraction=sample.contact_fraction(), of_waves=found)
 
     @classmethod
     def from_part(cls, part: TaskResult, index: int) -> Self:
@@ -619,15 +605,6 @@ class SampleRecord(SimpleNamespace):
         return float(self.fraction)
 
 
-def keep_balls(sample: Sample | PressedSample) -> TaskResult:
-    """Return the balls of a sample at rest as arrays, each after an axis of one load."""
-    rest = sample.equilibrium
-    found = {name: np.asarray(getattr(rest, name)) for name in _list_kept(type(rest))}
-    if not isinstance(sample, PressedSample):  # after a history they follow from the elastic tensors
-        found["derivatives"] = np.array([rest.stiffness, rest.stiffness_slope])
-    return {_BALLS + name: value[None] for name, value in found.items()}
-
-
 def restore_sample(simulation: DirectSimulation, part: TaskResult) -> Sample | PressedSample:
     """Return the one sample of a simulation, with what a task has found of it and its balls."""
     packing, seed, history = simulation.packing, simulation.seed_of(0), simulation.history
@@ -644,7 +621,6 @@ def restore_sample(simulation: DirectSimulation, part: TaskResult) -> Sample | P
 
 
 def _list_kept(kind: type[Equilibrium]) -> list[str]:
-    """Return the names of the fields of an equilibrium that are kept."""
     # the sample is drawn again from its seed
     return [one.name for one in fields(kind) if one.name not in ("deviations", "lattice")]
 

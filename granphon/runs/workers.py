@@ -186,9 +186,6 @@ class InProcess(Executor):
         return future
 
 
-# -- executors ------------------------------------------------------------------------------------------------------
-
-
 def require_workers(workers: int | None, scheduler: str | None) -> str | int | None:
     """Return the address of a ``scheduler``, the number of processes of "local:N", or None without a scheduler.
 
@@ -281,9 +278,6 @@ def check_workers(client: Any, memory: float, where: str) -> None:
 
 def _find_versions() -> dict[str, str]:
     return packages.__wrapped__() | {"python": f"{sys.version_info[0]}.{sys.version_info[1]}"}
-
-
-# -- schedulers -----------------------------------------------------------------------------------------------------
 
 
 @contextmanager

@@ -70,12 +70,10 @@ class Field(NamedTuple):
 
 
 def _load(kind: str, words: str) -> Field:
-    """Return the field of a kind of load."""
     return Field(f"load.{kind}", "load", rules.load_kind(kind), words, "one load is required")
 
 
 def _wave(key: str, words: str, default: str, kind: Kind | None = None) -> Field:
-    """Return a field of the blocks about waves in a simulated array, at an edge, or in a network."""
     name, own = key.split(".")
     place = f"waves.{key}" if name == "spectrum" else key  # a spectrum that is not observed is not written
     return Field(key, place, kind or Kind.plain(wave_rules(name)[own], partial(write_setting, own)), words, default)
@@ -93,7 +91,6 @@ def _network(name: str) -> tuple[Field, Field]:
 
 
 def _part(name: str, words: str, default: str = "", place: str = "", kind: Kind | None = None) -> Field:
-    """Return a field of the material or of the packing."""
     block = "material" if name in ("young_modulus", "poisson_ratio", "density", "yield_strength") else "packing"
     own = name if block == "packing" else f"material.{name}"
     return Field(f"{block}.{name}", place or f"packing.{own}", kind or PARTS[name], words, default)
@@ -307,12 +304,8 @@ def scene_rule(place: str, at: Context) -> Any:
 
 def write_preset(name: str) -> str:
     """Return the text of a scene of the package, in which the words of each key stand where it comes first."""
-    text, out, block, told = (
-        (files("granphon") / "data" / f"{name}.yaml").read_text(encoding="utf-8"),
-        list[str](),
-        "",
-        set[str](),
-    )
+    text = (files("granphon") / "data" / f"{name}.yaml").read_text(encoding="utf-8")
+    out, block, told = list[str](), "", set[str]()
     for line in text.splitlines():
         if not line and not block:
             out += ["#", '# A quantity is a number and its unit, as in "8 mm". What is commented out shows other choices.']
@@ -405,7 +398,6 @@ def _read_crystal_scene(document: Document, folder: Path) -> dict[str, Any]:
 
 
 def _read_block(name: str, value: Any, at: Context) -> Any:
-    """Read a block, or the value of a key at the top level."""
     fields = _BLOCKS[name]
     if "" in fields:
         return fields[""].kind.read(value, at)
@@ -463,13 +455,10 @@ def _find_lattice(data: Any) -> Lattice:
 #: ordinary values of what the scales of a ball are made of, Pa, kg/m^3 and m
 _ORDINARY = {"young_modulus": 1e10, "density": 1e3, "diameter": 1e-2}
 #: the blocks of a scene file about waves, with their classes
-_WAVES = {
-    "bands": BandsSettings,
-    "surface": SurfaceSettings,
-    "spectrum": SpectrumSettings,
-    "pulse": PulseSettings,
+_WAVES: dict[str, Any] = {
+    "bands": BandsSettings, "surface": SurfaceSettings, "spectrum": SpectrumSettings, "pulse": PulseSettings,
     **NETWORK_BLOCKS,
-}
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -503,7 +492,8 @@ class SceneSource:
         spreads = [data.get("packing", {}).get("spread"), *data.get("sweep", {}).get("spread", [])]
         own = () if self.path is None else (self.path,)
         names = [name for spread in spreads if (name := table_named(spread)) is not None]
-        return (*own, *(self.folder / name for name in (*names, *named_tables(data.get("motion", {}).get("drive", [])))))
+        names += named_tables(data["motion"].get("drive", [])) if "motion" in data else []
+        return (*own, *(self.folder / name for name in names))
 
     # -- places in the file ---------------------------------------------------------------------------------------------
 

@@ -33,6 +33,7 @@ from granphon.media.choice import MEDIA, MediumChoice, ServingMedium, default_me
 from granphon.media.cost import Cost
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState
+from granphon.observables.validity import expect_warnings
 from granphon.phonons.paths import MESHES, BandPath, read_paths
 from granphon.runs.tasks import Asked, Case, Grid, require_arrays
 from granphon.scene import rules
@@ -101,8 +102,7 @@ class PlannedCase:
         Quantities of a state have the shape (n,) for the n loads that the medium serves, or () if the case has one load.
         """
         for serving in filter(wanted, self.serving_media):
-            label = f"{self.case.label}: {serving.medium.label}" if serving.chosen_automatically else self.case.label
-            yield label, self.state if self.case.load.size == 1 else self._solve(serving, serving.load)
+            yield self.case.name(serving), self.state if self.case.load.size == 1 else self._solve(serving, serving.load)
 
     @cached_property
     def is_possible(self) -> bool:
@@ -216,18 +216,19 @@ class Plan:
         """Whether the diameters of the balls differ, or differ in a sweep over "width" or "spread"."""
         return self.packing.width > 0.0 or not {"width", "spread"}.isdisjoint(dict(self.parameters))
 
+    def asked(self, block: str) -> Any:
+        """The settings of a block, if the scene observes what they are about; else None."""
+        return getattr(self, block) if block in self.observe else None
+
     @cached_property
     def waves(self) -> WaveSettings | None:
         """What is observed of the waves in arrays, where media simulate them, and of networks; None for nothing."""
-        blocks = (getattr(self, name) for name in NETWORK_BLOCKS if name in self.observe)
-        networks = tuple(one for one in blocks if one is not None)
+        networks = tuple(one for one in map(self.asked, NETWORK_BLOCKS) if one is not None)
         if not networks and not set(WAVES) & set(self.observe):
             return None
-        spectrum = self.spectrum if "spectrum" in self.observe else None
-        path = self.path if spectrum is not None else None
-        way = (path.paths, path.names) if path is not None else ((), ())
-        pulse = self.pulse if "pulse" in self.observe else None
-        along = self.direction if pulse is not None else None
+        spectrum, pulse = self.asked("spectrum"), self.asked("pulse")
+        way = ((), ()) if spectrum is None else (self.path.paths, self.path.names)
+        along = None if pulse is None else self.direction
         return WaveSettings("dos" in self.observe, spectrum, *way, pulse, along, networks)
 
     @property
@@ -254,7 +255,7 @@ class Plan:
         from granphon.figures.words import describe_medium  # imported here: a run does not need it
 
         load, structure, seen = self.load, self.packing.structure, set(self.observe)
-        spectrum, pulse = self.spectrum, self.pulse
+        spectrum, pulse, surface, of = map(self.asked, ("spectrum", "pulse", "surface", "response"))
         media = [describe_medium(one.label, structure.periods, structure.n_balls) for one in self.media]
         rows: list[tuple[str, Any, str]] = [
             *self.packing.describe(),
@@ -269,18 +270,17 @@ class Plan:
         if seen & {"bands", "spectrum"}:
             rows.append(("path", " ".join(self.path.labels) if self.path.labels else str(self.path), ""))
         rows += [("points of a segment", self.band_points, "")] * ("bands" in seen)
-        if "spectrum" in seen:
+        if spectrum is not None:
             rows += [("polarisation", spectrum.polarisation, ""), ("points of a leg", spectrum.points, "")]
-        if "pulse" in seen and pulse is not None:
+        if pulse is not None:
             told = (("frequency", "Hz"), ("cycles", ""), ("polarisation", ""))
             rows += [(f"{name} of the pulse", getattr(pulse, name), unit) for name, unit in told]
-        if self.surface is not None and "surface" in seen:
-            axis = self.surface.axis if isinstance(self.surface.axis, int) else " ".join(map(str, self.surface.axis))
-            rows.append(("surface", f"axis {axis}, {self.surface.edge}", ""))
-        if self.response is not None and "response" in seen:
-            of, places = self.response, (("source", self.response.source), ("receiver", self.response.receiver))
+        if surface is not None:
+            axis = surface.axis if isinstance(surface.axis, int) else " ".join(map(str, surface.axis))
+            rows.append(("surface", f"axis {axis}, {surface.edge}", ""))
+        if of is not None:
             rows += [("response", of.quantity, ""), ("frequencies of the response", of.frequencies, "Hz")]
-            rows += [(name, ", ".join(texts), "") for name, texts in places]
+            rows += [(name, ", ".join(getattr(of, name)), "") for name in ("source", "receiver")]
             rows += [("damping of contacts", of.damping, "s"), ("loss factor of contacts", of.loss_factor, "")]
         rows += [("mesh", " x ".join(map(str, self.mesh)), "")] * ("dos" in seen)
         return [row for row in rows if row[1] is not None]
@@ -311,15 +311,13 @@ class Plan:
         try:
             yield
         except GranphonError as error:
-            if error.option is not None:
-                with self.origin.at("medium"):
-                    raise
-            if error.block is not None:
-                with self.origin.at(*error.block):
-                    raise
-            if error.load_index is None:
+            if error.option is not None or error.block is not None:
+                place: AbstractContextManager[None] = self.origin.at("medium")  # unless it knows better
+            elif error.load_index is None:
                 raise
-            with self.origin.at_index("load", self.load.kind, error.load_index):
+            else:
+                place = self.origin.at_index("load", self.load.kind, error.load_index)
+            with place:
                 raise
 
     @property
@@ -344,8 +342,7 @@ class Plan:
         path = (self.path.arrays, self.band_points, self.path.labels) if "bands" in self.observe else None
         asked = Asked(
             self.finite_overlap, path=path, direction=self.direction, waves=self.waves, exponents=sound,
-            surface=self.surface if "surface" in self.observe else None,
-            bands=self.bands if "bands" in self.observe else None,
+            surface=self.asked("surface"), bands=self.asked("bands"),
             sound=sound or not {"bands", "dos", "surface", *NETWORK_BLOCKS} & set(self.observe), alone=self.is_single,
             observed=tuple(name for name in self.observe if name not in rules.OBSERVABLES),
         )  # fmt: skip
@@ -419,9 +416,8 @@ class Plan:
                     try:
                         medium.require_sound()
                     except MechanismError as error:
-                        mend = (
-                            "It has bands and a density of states: observe them without velocities, as observe: [bands, dos]"
-                        )
+                        bands = "It has bands and a density of states"
+                        mend = f"{bands}: observe them without velocities, as observe: [bands, dos]"
                         if self.parameters_of_branches:
                             mend = "In a scene of its own it has bands and a density of states: observe: [bands, dos]"
                         elif not self.is_single:
@@ -448,8 +444,10 @@ class Plan:
         wanted = self.waves
         if wanted is None or (wanted.spectrum is None and wanted.pulse is None and not wanted.of_networks):
             return
-        from granphon.runs.network_records import require_network  # imported here: not all scenes need it
-        from granphon.runs.wave_records import require_waves
+        from granphon.runs.wave_records import (
+            require_network,  # imported here: not all scenes need it
+            require_waves,
+        )
 
         for one in self.few:
             for block in wanted.of_networks:
@@ -497,8 +495,7 @@ class Plan:
         grid, left = self.case_grid, []
         if many := self.n_cases > MOST_CASES or self.n_states > MOST_STATES:
             ends = tuple(dict.fromkeys((min(self.load.values), max(self.load.values))))
-            load = replace(self.load, array=ends).applied.flat
-            grid = replace(grid, axes=[axis.ends for axis in self.axes], load=load)
+            grid = replace(grid, axes=[one.ends for one in self.axes], load=replace(self.load, array=ends).applied.flat)
             left.append(f"all but the ends of {self.n_states:,} states")
         cases = self._place(grid) if many else self.cases
         slow = {serving.medium.name for one in cases for serving in one.serving_media if not serving.is_quick}
@@ -507,8 +504,6 @@ class Plan:
 
     def expect_warnings(self) -> list[tuple[str, str]]:
         """Return what is known of simulations before they are run: the label of each medium, and a warning."""
-        from granphon.observables.validity import expect_warnings  # imported here: a run finds the warnings of its states
-
         return [
             (one.case.label, warning)
             for one in self.few
@@ -566,28 +561,21 @@ class Plan:
                 return max(found, key=size).times(len(found) * self.n_cases / n_few)
             return sum(found, Cost())
 
-        exponents = "velocities" in self.observe
-        simulated = [costs.estimate(medium, load, exponents=exponents) for medium, load in arrays]
+        simulated = [costs.estimate(medium, load, exponents="velocities" in self.observe) for medium, load in arrays]
         # cluster media are solved once for each distribution, lattice and Mindlin ratio
         laws = {law for one in self.few if (law := one.case.medium.of(one.case.packing).long_law) is not None}
         count = len(laws) if len(laws) < 2 else round(len(laws) * self.n_cases / n_few)
         clusters = costs.cluster_media(count, sum(law.balls for law in laws) / len(laws)) if count else Cost()
-        out: list[CostPart] = [
-            (
-                ("medium",),
-                "Take fewer balls (medium.simulation.shape), samples or loads",
-                add_up(simulated, lambda one: one.work),
-            ),
-            (("medium",), "Take the effective medium", clusters),
-        ]
+        mend, work = "Take fewer balls (medium.simulation.shape), samples or loads", add_up(simulated, lambda one: one.work)
+        out: list[CostPart] = [(("medium",), mend, work), (("medium",), "Take the effective medium", clusters)]
         total = Cost()
         if (wanted := self.waves) is not None:
             each = [cost for medium, load in arrays for cost in _estimate_waves(medium, load, wanted)]
             total = add_up(each, lambda cost: cost.known)
         smaller = "Take fewer balls (medium.simulation.shape), fewer wave vectors or a coarser resolution (spectrum)"
         waves = (("medium",), smaller, replace(total, parts=total.parts[:1]))
-        if self.motion is not None and "motion" in self.observe:
-            moved = [_estimate_motion(one, self.motion) for case in self.few for one in case.serving_media]
+        if (motion := self.asked("motion")) is not None:
+            moved = [_estimate_motion(one, motion) for case in self.few for one in case.serving_media]
             total = add_up([cost for cost in moved if cost is not None], lambda cost: cost.known)
             mend = "Take fewer balls (motion.repeat, motion.cut), a shorter motion.duration or fewer motion.frames"
             out.append((("motion",), mend, replace(total, parts=total.parts[:1])))
@@ -659,9 +647,9 @@ class Plan:
         ):  # fmt: skip
             if name in self.observe and fails:
                 raise Refused(f"{name!r} {found}", allowed, mend, ("observe",))
-        if self.surface is not None and "surface" in self.observe:
-            with rules.refusing(self.surface.axis, "an axis across which the balls repeat", "surface", "axis"):
-                Layers.across(self.surface.axis, structure.vectors)
+        if (surface := self.asked("surface")) is not None:
+            with rules.refusing(surface.axis, "an axis across which the balls repeat", "surface", "axis"):
+                Layers.across(surface.axis, structure.vectors)
         if "pulse" in names and len(self.directions) > 1:
             raise Refused("several directions with a pulse", "one direction", path=("direction",))
         if self.band is not None:
@@ -701,8 +689,10 @@ def _estimate_waves(medium: DirectSimulation, load: Load, wanted: WaveSettings) 
 
 def _estimate_motion(serving: ServingMedium, wanted: MotionSettings) -> Cost | None:
     """Estimate memory and time of the motions of a medium at all its loads; None if no state of it is quickly found."""
-    from granphon.runs.motion_records import make_waves  # imported here: other scenes do not need it
-    from granphon.runs.network_records import find_typical_state
+    from granphon.runs.wave_records import (
+        find_typical_state,
+        make_waves,  # imported here: other scenes do not need it
+    )
     from granphon.waves.operator import WaveOperator
 
     if (state := find_typical_state(serving)) is None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from granphon.base.errors import InputError, MissingFileError
 from granphon.base.staging import ResultFiles, read_written_files
 from granphon.base.text import read_bytes, read_yaml
-from granphon.scene.run import KEPT, MOTION_FILES, SWEEP_FIGURES, draw_sweep, read_summary
+from granphon.scene.scene import KEPT, MOTION_FILES, SWEEP_FIGURES, draw_sweep, read_summary
 from granphon.waves.settings import NETWORK_BLOCKS
 
 if TYPE_CHECKING:
@@ -179,9 +179,6 @@ def _draw(
         with locked.staging() as place:
             save_figure(figure, place / target.name, backend=backend)
     return target
-
-
-# -- reading --------------------------------------------------------------------------------------------------------
 
 
 def read_run(source: str | os.PathLike[str]) -> Run:

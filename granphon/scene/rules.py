@@ -182,7 +182,6 @@ FREQUENCIES = Kind.plain(
 
 
 def _read_spread(value: Any, at: Context) -> Any:
-    """Read the distribution of diameters, one of uniform, normal, discrete, measured."""
     diameters = partial(each, rule=LENGTH.read, what="diameters")
     fractions = partial(each, rule=partial(number, low=0.0, high=1.0), what="fractions")
 
@@ -285,7 +284,6 @@ def choose_lattice(own: Lattice, swept: Sequence[str | Lattice]) -> Lattice:
 
 
 def _read_motions(value: Any, at: Context) -> str:
-    """Read the name of motions that the balls of the lattice can have, in a sweep those of each lattice."""
     for lattice in at.swept or (at.lattice,):
         options = tuple(allowed_motions(lattice.dimension))
         if not is_one_of(value, options):
@@ -324,7 +322,6 @@ OWN_SPREAD = Kind(
 
 
 def _read_parameters(value: Any, at: Context) -> tuple[tuple[str, tuple[Any, ...]], ...]:
-    """Read the parameters of the packing, or of kinds of balls, that a sweep varies, with their values, in their order."""
     if at.kinds:
         names = [f"{kind}.{name}" for kind in at.kinds for name in KIND_PARAMETERS]
         return tuple(block(value, {name: partial(_read_axis, name=name, at=at) for name in names}).items())
@@ -334,7 +331,6 @@ def _read_parameters(value: Any, at: Context) -> tuple[tuple[str, tuple[Any, ...
 
 
 def _read_axis(value: Any, name: str, at: Context) -> tuple[Any, ...]:
-    """Read the values of a parameter, each once; numbers also as a single one or a range."""
     rule = PARTS[name.rpartition(".")[2]].rule(at)
     found: tuple[Any, ...] = (
         read_values(value, rule) if find_unit(name) else read_lattices(value) if name == "lattice" else
@@ -369,7 +365,11 @@ def load_kind(name: str) -> Kind:
         try:
             return own.read(value)
         except Refused as refused:
-            if not any(_is_taken(load_quantities(periods)[name].read, value) for periods in (1, 2, 3)):
+            for others in map(load_quantities, (1, 2, 3)):
+                with suppress(Refused):
+                    others[name].read(value)
+                    break
+            else:
                 raise
             mend = f"The pressure of the {at.lattice.name} lattice is in {own.unit}. {refused.mend}".rstrip()
             raise Refused(refused.found, refused.allowed, mend) from None
@@ -385,15 +385,7 @@ def load_kind(name: str) -> Kind:
     )
 
 
-def _is_taken(rule: Rule, value: Any) -> bool:
-    with suppress(Refused):
-        rule(value)
-        return True
-    return False
-
-
 def _read_media(value: Any, at: Context) -> tuple[MediumChoice, ...]:
-    """Read one medium, or a list of them."""
     rule = partial(read_medium, lattice=at.lattice, written=at.written)
     if not isinstance(value, list | tuple):
         return (rule(value),)
@@ -492,8 +484,6 @@ _MATERIAL = ("young_modulus", "poisson_ratio", "density", "yield_strength")
 
 
 def _law_numbers(name: str) -> dict[str, Kind]:
-    """Return how the numbers of the contact law of a name are read and written."""
-
     def kind(given: Any) -> Kind:
         if isinstance(given, Quantity):
             return quantity(given)
@@ -505,9 +495,6 @@ def _law_numbers(name: str) -> dict[str, Kind]:
         return Kind.plain(given, float)
 
     return {key: kind(given) for key, given in LAWS[name].numbers.items()}
-
-
-# -- kinds of balls ---------------------------------------------------------------------------------------------------
 
 
 def _read_balls(value: Any, at: Context) -> tuple[tuple[str, Ball], ...]:
@@ -547,11 +534,7 @@ def _write_balls(kinds: Any, at: Context) -> dict[str, Any]:
 BALLS = Kind(_read_balls, _write_balls)
 
 
-# -- how they are arranged --------------------------------------------------------------------------------------------
-
-
 def _read_structure(value: Any) -> Any:
-    """Read the name of a lattice or structure, or the block of a lattice."""
     if isinstance(value, str) and (known := {name.lower(): name for name in STRUCTURES}.get(value.lower())):
         return known
     try:
@@ -562,8 +545,6 @@ def _read_structure(value: Any) -> Any:
 
 
 def _read_vectors(value: Any) -> tuple[tuple[float, ...], ...]:
-    """Read vectors, each a list of lengths."""
-
     def length(one: Any) -> float:
         return 0.0 if is_whole(one) and one == 0 else WAY.read(one)
 
@@ -578,13 +559,11 @@ def _read_site(value: Any) -> tuple[tuple[float, ...], str]:
 
 
 def _read_counts(value: Any, what: str, high: int, low: int = 1) -> tuple[int, ...]:
-    """Read one or more whole numbers, as a list or as words."""
     words = [int(one) if one.isdecimal() else one for one in value.split()] if isinstance(value, str) else value
     return each(words if isinstance(words, list | tuple) else [words], partial(whole, low=low, high=high), what)
 
 
 def _read_removed(value: Any) -> tuple[int, ...]:
-    """Read the numbers of balls, each once."""
     found = _read_counts(value, "numbers of balls", 10_000_000, 0)
     if len(set(found)) < len(found):
         raise Refused(f"ball {Counter(found).most_common(1)[0][0]} more than once", "the number of each ball once")
@@ -665,9 +644,6 @@ REMOVE = Kind.plain(_read_removed, lambda one: list(one) or None)
 SEED = Kind.plain(partial(whole, low=0))
 LAW = Kind.plain(_read_law, _write_law)
 MOTIONS = Kind.plain(partial(choice, options=tuple(dict.fromkeys(one for d in (1, 2, 3) for one in allowed_motions(d)))))
-
-
-# -- loads ------------------------------------------------------------------------------------------------------------
 
 
 def tensor_kind(name: str) -> Kind:

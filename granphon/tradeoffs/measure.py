@@ -289,7 +289,6 @@ class MediaStudy:
 
     @property
     def _columns(self) -> list[int]:
-        """Indices of the observed quantities."""
         return [QUANTITIES.index(name) for name in self.quantities]
 
     def observe(self, medium: Any) -> Array:

@@ -18,39 +18,41 @@ vectors only the signals of receivers are kept, and a step takes one product and
 If all contacts are damped alike, Z = s (D - z) with a number s and z = omega^2/s, and H is D: the process of Lanczos. If
 they have different loss factors alone, H is A^T (1 + i eta) A, complex and symmetric, and vectors are orthogonal in the
 product x.y without conjugation. With different dashpots, H is that of velocities v = x' and deformations
-y = (1 + i eta)^1/2 A x, with which the equations of motion are of first order,
+y = i (1 + i eta)^1/2 A x, with which the equations of motion are of first order,
 
-    (i omega + ((A^T tau A, A^T (1 + i eta)^1/2), (-(1 + i eta)^1/2 A, 0))) (v, y) = (M^-1/2 F, 0).
+    (i omega + ((A^T tau A, -B^T), (-B, 0))) (v, y) = (M^-1/2 F, 0),    B = i (1 + i eta)^1/2 A.
 
-Without losses this H is skew in the energy v.v + y.y, in which two vectors suffice for all to be orthogonal; with them the
-process is that of Arnoldi, incomplete (Y. Saad, Linear Algebra Appl. 34, 269 (1980)). It stays stable where one by the
-product v.v - y.y, in which H is symmetric, loses its digits to modes that are strongly damped. A static force adds
+It is symmetric too. But if its vectors were real in v and imaginary in y, a vector would be orthogonal to itself as soon as
+both have the same energy. So the space is that of 1 - i H times the source: without losses its vectors are as real as those
+of Lanczos. x follows from the solution x' there, x = (x' + i source)/(1 + omega). With strong dashpots this process loses
+its digits, and vectors are made orthogonal in the product with conjugation, to the last two only: the process of Arnoldi,
+incomplete (Y. Saad, Linear Algebra Appl. 34, 269 (1980)), which is stable and takes many more steps. A static force adds
 deformations of imaginary stiffness^1/2.
 
 What is left has the norm of the next vector times the last coefficient. With g the least eta + omega tau of all contacts,
 |Z^-1| is at most one over the distance of omega^2 from all d (1 + i g'), d >= 0 and g' >= g, which bounds the error. From
-g follows beforehand how many steps it takes (:func:`granphon.dynamics.damping.count_products`), and frequencies at which
-factors are less work are left to these.
+g follows beforehand how many steps it takes (:class:`ResponseWork`), and frequencies at which factors are less work are
+left to these.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.sparse_matrices import LARGEST_FACTORS, PRODUCT_TIME, choose_factors, factorise
+from granphon.array.sparse_matrices import estimate_factors, factorise
 from granphon.base.errors import ConvergenceError, InputError, brief
 from granphon.base.results import Result
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
 from granphon.base.validation import frequency_array, positive
-from granphon.dynamics.damping import ContactDamping, count_products
+from granphon.dynamics.damping import ContactDamping
 from granphon.networks.network import ContactNetwork
 from granphon.waves.modes import PIVOT
 from granphon.waves.operator import WaveOperator
@@ -71,8 +73,16 @@ TOLERANCE = 1e-9
 _DEGENERATE = 1e-4
 #: most products of a space; products that the vectors of the first ones are kept for
 _MOST, _FIRST = 100_000, 256
-#: most work of factors at frequencies of which a space has not enough digits, in products times motions: half a minute
-_AGAIN = 1e9
+#: longest time of a response without a method that is named, and of factors where a space has not enough digits, s
+_LONGEST, _AGAIN = 3600.0, 30.0
+#: least pace of a Krylov space, over the mean distance of modes in a network, which it comes to tell apart
+_MODE_PACE = 5.0
+#: time of a step with loss factors that differ, and of one with dashpots that differ, over that of Lanczos
+_LOSSY, _FIRST_ORDER = 2.5, 4.5
+#: steps with dashpots that differ, over those of Lanczos: of the symmetric process, and of the incomplete one
+_SYMMETRIC, _INCOMPLETE = 2.0, 3.0
+#: greatest damping, over the top frequency, up to which the symmetric process of first order keeps its digits
+_STRONG = 0.45
 #: what is left, over the source, at which a solution is looked at first, and least part of it at the next time
 _LOOK, _NEXT = 1e-3, 0.02
 #: norm of what is left in a step, over the largest, at which the space holds all that D makes of the source
@@ -343,7 +353,8 @@ class _Places:
 class _Space(NamedTuple):
     """A matrix H, the product in which its vectors become orthogonal, and (H - shift) x = start.
 
-    ``scale`` (n_f,) times x is heard. The error of scale x is at most scale times ``bound`` (n_f,) times what is left.
+    ``scale`` (n_f,) times x is heard, and ``told`` (n_f, n_r) besides. The error of scale x is at most scale times ``bound``
+    (n_f,) times what is left.
     """
 
     apply: Callable[[NDArray[Any]], NDArray[Any]]
@@ -352,6 +363,146 @@ class _Space(NamedTuple):
     shifts: NDArray[Any]
     scale: NDArray[Any]
     bound: Array
+    told: Any = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class ResponseWork:
+    """What the response of a network takes by either way.
+
+    Attributes
+    ----------
+    operator, damping : D of the network, or of a part of it that has all kinds of its contacts; and the damping of these.
+    omega : (n_f,) rad/s.
+    tolerance : bound of the error with which a Krylov space is content.
+    motions : number of motions of the whole network; None for those of the operator.
+    """
+
+    operator: WaveOperator
+    damping: ContactDamping
+    omega: Array
+    tolerance: float = TOLERANCE
+    motions: int | None = None
+
+    @property
+    def size(self) -> int:
+        """Number of motions."""
+        return self.operator.size if self.motions is None else self.motions
+
+    @cached_property
+    def even(self) -> tuple[float, float] | None:
+        """(eta, tau) where all contacts are damped alike, and no static forces act."""
+        return self.damping.find_even(self.operator.network)
+
+    @cached_property
+    def of_rows(self) -> Array:
+        """(2, springs) eta and tau, 1 and s, of the rows of A that have a stiffness."""
+        rows = [self.operator.of_rows(one) for one in (self.damping.losses, self.damping.times)]
+        return np.stack(rows)[:, self.operator.of_rows() > 0.0]
+
+    @cached_property
+    def least(self) -> Array:
+        """(n_f,) the least eta + omega tau of all springs."""
+        losses, times = self.of_rows
+        return np.asarray(np.min(losses + self.omega[:, None] * times, axis=1))
+
+    @property
+    def is_strong(self) -> bool:
+        """Whether dashpots differ, and are too strong for a process that is symmetric."""
+        return self.has_order_one and float(np.max(self.of_rows[1])) * self.operator.top > _STRONG
+
+    @cached_property
+    def unfit(self) -> str:
+        """Why no Krylov space serves all frequencies; empty if one does."""
+        if self.even is None and self.operator.whole is not None:
+            return "Static tangential forces act, which have no potential"
+        lossless = self.even is None and np.any(np.sum(self.of_rows, axis=0) == 0.0)
+        return "Some contacts lose energy, and others lose none" if lossless else ""
+
+    @property
+    def has_order_one(self) -> bool:
+        """Whether dashpots differ, so that the space is one of velocities and deformations."""
+        return self.even is None and bool(np.any(self.damping.times))
+
+    @cached_property
+    def step(self) -> float:
+        """Time of a step of the Krylov space, s."""
+        times = _FIRST_ORDER if self.has_order_one else 1.0 if self.even is not None else _LOSSY
+        return times * self.size * float(self.operator.product_time[self.operator.network.dimension])
+
+    @cached_property
+    def price(self) -> float:
+        """Time of factors at a frequency, s; infinite if the network is too large."""
+        return estimate_factors(self.size, self.operator.network.dimension)
+
+    @cached_property
+    def steps(self) -> Array:
+        """(n_f,) steps of the Krylov space; infinite without a bound.
+
+        With w = omega/top and g = eta + omega tau the least of all, a step of Lanczos makes the error smaller by
+        exp(-2 Im arccos(w/(1 + i g)^1/2)), as the polynomials of Chebyshev do. In a network of few modes these are told
+        apart sooner, but by the incomplete process.
+        """
+        w, n, d = self.omega / self.operator.top, self.size, self.operator.network.dimension
+        pace = 2.0 * np.abs(np.arccos(w / np.sqrt(1.0 + 1j * self.least)).imag)
+        distance = np.maximum(w**2 * self.least / np.hypot(1.0, self.least), w**2 - 1.0)
+        found, known = np.full(w.shape, np.inf), (distance > 0.0) & (pace > 0.0)
+        if not self.is_strong:
+            pace += 2.0 * _MODE_PACE / np.maximum(n ** (1.0 / d), n * d * w ** (d - 1))
+        found[known] = np.log(np.maximum(1.0 / distance[known], 1.0) / self.tolerance) / pace[known]
+        return found * (_INCOMPLETE if self.is_strong else _SYMMETRIC if self.has_order_one else 1.0)
+
+    def choose(self, method: str | None) -> tuple[NDArray[np.bool_], float]:
+        """Return at which frequencies (n_f,) the matrix is factorised, and the time of all, s.
+
+        The Krylov space serves all others at once. Raises :class:`~granphon.base.errors.ConvergenceError` if neither way
+        serves, or takes too long and is not asked for.
+        """
+        count, fits = self.omega.size, math.isfinite(self.price)
+        chosen = np.ones(count, bool)
+        if method == "direct" or self.unfit or (method is None and self.size <= _FEW):
+            if not fits:
+                raise self.explain("is not found by factors")
+            seconds = self.price * count
+        else:  # factors at those that take most steps
+            order = np.argsort(-self.steps, kind="stable")
+            free = method is None and fits
+            times = self.step * np.append(self.steps[order], 0.0) + (np.arange(count + 1) * self.price if free else 0.0)
+            best = int(np.argmin(times)) if free else 0
+            chosen[order[best:]], seconds = False, float(times[best])
+            if (most := float(np.max(self.steps, where=~chosen, initial=0.0))) > _MOST:
+                raise self.explain(f"is not found by a Krylov space of {_MOST:,} steps", most)
+        if method is None and seconds > _LONGEST:
+            raise self.explain("takes longer than an hour", float(np.max(self.steps)))
+        return chosen, seconds
+
+    def explain(self, fails: str, most: float = math.inf) -> ConvergenceError:
+        """Return the error of a response that fails: what each way would take, and which loss factor would do.
+
+        ``most`` are the steps of the Krylov space.
+        """
+        from granphon.media.cost import write_duration
+
+        count, lowest = self.omega.size, write_quantity(float(self.omega[0]) / (2.0 * math.pi), "Hz", 4)
+        what = f"the response of {self.size:,} motions from {lowest} on {fails}"
+        ways = [f"a Krylov space takes about {write_duration(most * self.step)}"] * math.isfinite(most)
+        if math.isfinite(self.price):
+            takes = write_duration(self.price * count)
+            ways.append(f"factors at {counted(count, 'frequency', 'frequencies')} take about {takes}")
+        what += f": {', and '.join(ways)}" * bool(ways)
+        why = "Modes of a large network lie close together, and with little damping the response is that of each by itself"
+        network = self.operator.network
+        for eta in (0.01, 0.02, 0.05, 0.1):
+            other = replace(self, damping=ContactDamping.of(network, 0.0, eta))
+            least = float(np.max(other.steps))
+            if other.even is not None and least <= _MOST and least * other.step <= _LONGEST:
+                takes = write_duration(least * other.step)
+                mend = f"Damp all contacts alike and more: a loss_factor of {eta:g} takes about {takes}"
+                break
+        else:
+            mend = "Leave out the lowest frequencies, or take a smaller network"
+        mend += "; or name the method, to wait for it" * ("longer" in fails)
+        return ConvergenceError(what, self.unfit or why, mend)
 
 
 @dataclass(frozen=True, eq=False)
@@ -373,138 +524,71 @@ class _Problem:
 
     def solve(self, omega: Array, method: str | None, tolerance: float) -> tuple[Complex, Array, int, int]:
         """Return values and errors at ``omega`` (n_f,), rad/s, the number of factorisations, and of steps of Lanczos."""
-        n, dimension, unfit = self.operator.size, self.operator.network.dimension, self._explain_unfit()
-        if unfit and method == "krylov":
-            raise InputError("no Krylov space serves all frequencies", unfit, "Use the direct method")
+        work = ResponseWork(self.operator, self.damping, omega, tolerance)
+        if work.unfit and method == "krylov":
+            raise InputError("no Krylov space serves all frequencies", work.unfit, "Use the direct method")
+        by_factors, _ = work.choose(method)
         values, error = np.zeros((omega.size, len(self.heard)), complex), np.full(omega.size, np.inf)
-        fits, steps = n <= LARGEST_FACTORS[dimension], 0
-        if not unfit and method != "direct" and (n > _FEW or method == "krylov"):
-            products = self._count_products(omega, tolerance)
-            chosen, price = choose_factors(products, n, dimension, self.operator.pace)
-            if method == "krylov" or not fits:
-                chosen[:] = False
-                if np.max(products) > _MOST:
-                    raise self._explain_work(omega, products, tolerance)
-            some = np.flatnonzero(~chosen)
-            if some.size:
-                most = float(np.max(products[some])) if method is None and fits else math.inf
-                values[some], error[some], steps = self._follow(omega[some], most, tolerance)
-            # what arrives deep in a gap is less than the rounding of a Krylov space; factors have all of its digits
-            deep = np.flatnonzero(np.isfinite(error) & (error > max(_UNSURE, tolerance)))
-            if method is None and fits and deep.size * price <= max(steps, _AGAIN / n):
-                error[deep] = np.inf
+        some, steps, free = np.flatnonzero(~by_factors), 0, method is None and math.isfinite(work.price)
+        if some.size:
+            most = float(np.max(work.steps[some])) if free else math.inf
+            values[some], error[some], steps = self._follow(replace(work, omega=omega[some]), most)
+        # what arrives deep in a gap is less than the rounding of a Krylov space; factors have all of its digits
+        deep = np.flatnonzero(np.isfinite(error) & (error > max(_UNSURE, tolerance)))
+        if free and deep.size * work.price <= max(steps * work.step, _AGAIN):
+            error[deep] = np.inf
         left = np.flatnonzero(np.isinf(error))
-        if left.size and (method == "krylov" or not fits):
-            raise self._explain_work(omega[left], np.full(left.size, np.inf), tolerance, unfit)
+        if left.size and (method == "krylov" or not math.isfinite(work.price)):
+            raise replace(work, omega=omega[left]).explain("is not found by a Krylov space")
         if left.size:
             values[left], error[left] = self._factorise(omega[left])
         return values, error, int(left.size), steps if left.size < omega.size else 0
 
-    @cached_property
-    def even(self) -> tuple[float, float] | None:
-        """(eta, tau) where all contacts are damped alike, and no static forces act."""
-        return self.damping.find_even(self.operator.network)
-
-    def _explain_unfit(self) -> str:
-        """Tell why no Krylov space serves all frequencies; empty if one does."""
-        if self.even is None and self.operator.whole is not None:
-            return "Static tangential forces act, which have no potential"
-        lossless = self.even is None and np.any((np.sum(self._of_rows, axis=0) == 0.0) & (self.operator.of_rows() > 0.0))
-        return "Some contacts lose energy, and others lose none" if lossless else ""
-
-    @cached_property
-    def _of_rows(self) -> Array:
-        """(2, rows) eta and tau, 1 and s, of the rows of A; zero of static forces."""
-        return np.stack([self.operator.of_rows(one) for one in (self.damping.losses, self.damping.times)])
-
-    def _count_products(self, omega: Array, tolerance: float) -> Array:
-        loss, time = np.min(self._of_rows[:, self.operator.of_rows() > 0.0], axis=1)
-        top, few, dimension = self.operator.top, self.operator.size, self.operator.network.dimension
-        return count_products(
-            omega / top, float(loss), float(time) * top, self.even is not None, (few, dimension), tolerance,
-            bool(np.any(self.damping.losses)), bool(np.any(self.damping.times)),
-        )  # fmt: skip
-
-    def _explain_work(self, omega: Array, products: Array, tolerance: float, why: str = "") -> ConvergenceError:
-        """Tell what the response would take, and which loss factor would do."""
-        from granphon.media.cost import write_duration
-
-        operator = self.operator
-        n, dimension = operator.size, operator.network.dimension
-        one, hardest = n * PRODUCT_TIME[dimension] / operator.pace, int(np.argmax(products))
-        at = write_quantity(float(omega[hardest]) / (2.0 * math.pi), "Hz", 4)
-        _, price = choose_factors(products, n, dimension, operator.pace)
-        what = f"the response of {n:,} motions at {at} is not found by a Krylov space"
-        if math.isfinite(products[hardest]):
-            what += f" of {_MOST:,} products: it takes {products[hardest]:.2g} of them, about "
-            what += write_duration(products[hardest] * one)
-        what += f"; factors at {counted(omega.size, 'frequency', 'frequencies')} take about "
-        what += write_duration(price * one * omega.size)
-        why = (
-            why
-            or "In a large network modes lie close together, and with little damping the response is that of each by itself"
-        )
-        for eta in (0.01, 0.02, 0.05, 0.1):
-            most = np.max(count_products(omega / operator.top, eta, 0.0, True, (n, dimension), tolerance, True, False))
-            if most <= _MOST:
-                mend = (
-                    f"Give more damping to all contacts: a loss_factor of {eta:g} takes about {write_duration(most * one)}"
-                )
-                return ConvergenceError(what, why, mend)
-        return ConvergenceError(what, why, "Leave out the lowest frequencies, or take a smaller network")
-
-    def _make_space(self, omega: Array) -> _Space:
-        if self.even is None:
-            return self._make_first_order(omega) if np.any(self.damping.times) else self._make_lossy(omega)
-        scale = 1.0 + 1j * (self.even[0] + omega * self.even[1])
-        shifts, top = omega**2 / scale, self.operator.top**2
+    def _make_space(self, work: ResponseWork) -> _Space:
+        omega, operator, losses, even = work.omega, self.operator, self.damping.losses, work.even
+        if work.has_order_one:
+            return self._make_first_order(work)
+        top = operator.top**2
+        if even is None:
+            distance = np.maximum(omega**2 * work.least / np.hypot(1.0, work.least), omega**2 - top)
+            start = self.drives[0] + 1j * self.drives[1]
+            return _Space(
+                operator.make_lossy_product(losses), np.dot, start, omega**2, np.ones(omega.size), _invert(distance)
+            )
+        scale = 1.0 + 1j * (even[0] + omega * even[1])
+        shifts = omega**2 / scale
         distance = np.hypot(shifts.imag, np.maximum(np.maximum(shifts.real - top, -shifts.real), 0.0))
-        return _Space(
-            lambda x: self.operator @ x, np.dot, self.drives[0], shifts,
-            (1.0 if self.moved else 1.0 / scale) * np.ones(omega.size), _invert(distance),
-        )  # fmt: skip
+        scale = scale**0 if self.moved else 1.0 / scale
+        return _Space(lambda x: operator @ x, np.dot, self.drives[0], shifts, scale, _invert(distance))
 
-    def _make_lossy(self, omega: Array) -> _Space:
-        """Return D with loss factors that differ."""
-        losses, operator = self.damping.losses, self.operator
-        least = self._find_least(omega)
-        distance = np.maximum(omega**2 * least / np.hypot(1.0, least), omega**2 - operator.top**2)
-        return _Space(
-            operator.make_lossy_product(losses), np.dot, self.drives[0] + 1j * self.drives[1], omega**2, np.ones(omega.size),
-            _invert(distance),
-        )  # fmt: skip
-
-    def _find_least(self, omega: Array) -> Array:
-        """Return the least eta + omega tau (n_f,) of all springs."""
-        losses, times = self._of_rows[:, self.operator.of_rows() > 0.0]
-        return np.asarray(np.min(losses + omega[:, None] * times, axis=1))
-
-    def _make_first_order(self, omega: Array) -> _Space:
+    def _make_first_order(self, work: ResponseWork) -> _Space:
         """Return H of velocities and deformations, over the top frequency; static forces are further rows of A."""
-        operator, n, (losses, times) = self.operator, self.operator.size, self._of_rows
-        w = omega / operator.top
-        stiff, viscous = operator.of_rows(), times * operator.top
-        is_real = not np.any(losses) and np.all(stiff > 0.0)
-        spring = np.ones(stiff.size) if is_real else np.sqrt(stiff + 1j * losses)
-        root: Any = (operator.full_root / operator.top).astype(spring.dtype)
-        back = root.T.tocsr()
+        top, n, parts, omega = self.operator.top, self.operator.size, self.operator.parts, work.omega
+        w, viscous = omega / top, parts.weigh(self.damping.times)
+        spring = np.sqrt(-parts.weigh() - 1j * parts.weigh(self.damping.losses)) / top
+        lost = viscous / top
 
-        def apply(x: NDArray[Any]) -> NDArray[Any]:
-            strain = root @ x[:n]
+        def apply(x: Complex) -> Complex:
+            strain, out = parts.deform(x[:n]), np.empty_like(x)
             stress = x[n:] * spring
-            stress += viscous * strain
-            strain *= spring
-            return np.concatenate([-(back @ stress), strain])
+            stress -= lost * strain
+            out[:n] = parts.pull(stress)
+            np.multiply(strain, spring, out=out[n:])
+            return out
 
         if self.moved:  # (H - i w) (v, y) = i omega (-A^T tau s, spring s) for walls that stretch contacts by s
-            start = np.concatenate([-(back @ (viscous * self.stretched)), spring * self.stretched])
+            start = np.concatenate([-parts.pull(viscous * self.stretched), top * spring * self.stretched])
         else:
-            start = np.concatenate([self.drives[0], np.zeros(stiff.size, spring.dtype)])
-        least = self._find_least(omega)
-        distance = np.maximum(w**2 * least / np.hypot(1.0, least), w**2 - 1.0)
-        scale = -1.0 / operator.top * (np.ones(w.size) if self.moved else _invert(1j * omega))
-        reach = (w + float(np.max(np.abs(spring)))) * _invert(distance)
-        return _Space(apply, np.vdot, start, 1j * w, scale, np.where(w > 0.0, reach, np.inf))
+            start = np.concatenate([self.drives[0], np.zeros(spring.size, complex)])
+        distance = np.maximum(w**2 * work.least / np.hypot(1.0, work.least), w**2 - 1.0)
+        scale: Any = -1.0 / top * (np.ones(w.size) if self.moved else _invert(1j * omega))
+        reach = np.where(
+            w > 0.0, (w + math.sqrt(math.hypot(1.0, float(np.max(work.of_rows[0]))))) * _invert(distance), np.inf
+        )
+        if work.is_strong:
+            return _Space(apply, np.vdot, start, 1j * w, scale, reach)
+        told = 1j * (scale / (1.0 + w))[:, None] * self._listen(start)
+        return _Space(apply, np.dot, start - 1j * apply(start), 1j * w, scale / (1.0 + w), reach, told)
 
     def _listen(self, x: NDArray[Any]) -> NDArray[Any]:
         return np.asarray(np.sum(x[self.heard] * self.ears, axis=1))
@@ -546,12 +630,13 @@ class _Problem:
             values[row] = found
         return values, error
 
-    def _follow(self, omega: Array, most: float, tolerance: float) -> tuple[Complex, Array, int]:
+    def _follow(self, work: ResponseWork, most: float) -> tuple[Complex, Array, int]:
         """Return values and errors (infinite of what is not found) by a Krylov space, and the number of its steps."""
         from scipy.linalg import solve_banded
         from scipy.linalg.blas import daxpy, zaxpy
 
-        space = self._make_space(omega)
+        omega, tolerance, space = work.omega, work.tolerance, self._make_space(work)
+        told = np.broadcast_to(space.told, (omega.size, len(self.heard)))
         values, error = np.zeros((omega.size, len(self.heard)), complex), np.zeros(omega.size)
         if not np.any(space.start):
             return values, error, 0
@@ -585,14 +670,15 @@ class _Problem:
                 matrix = bands[:, :step].copy()
                 matrix[1] -= space.shifts[place]
                 y = solve_banded((1, 1), matrix, np.eye(1, step)[0], check_finite=False)
-                values[place] = found = size * space.scale[place] * (y @ signals[:step])
+                values[place] = found = size * space.scale[place] * (y @ signals[:step]) + told[place]
                 rest = 0.0 if complete else abs(size) * length * float(part[place])
                 least = abs(space.scale[place]) * loud * rest * space.bound[place]
-                error[place] = np.finfo(float).eps * step * growth + least / (float(np.max(np.abs(found))) or least or 1.0)
+                cut = least / (float(np.max(np.abs(found))) or least or 1.0)
+                error[place] = np.finfo(float).eps * math.sqrt(step) * growth + cut
                 # before anything is heard nothing is known
                 enough = _ROUNDING * abs(size) * growth if np.any(found) else 0.0
-                left[place] = not complete and error[place] > tolerance and rest > enough
-                look[place] = rest / abs(size) * max(0.5 * tolerance / error[place], _NEXT)
+                left[place] = not complete and cut > tolerance and rest > enough
+                look[place] = rest / abs(size) * max(0.5 * tolerance / cut, _NEXT)
             if complete or not np.any(left):
                 break
             before, current = current, following

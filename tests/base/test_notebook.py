@@ -59,7 +59,8 @@ def result_classes() -> list[type[Result]]:
     found, more = [], [Result]
     while more:
         more = [one for kind in more for one in kind.__subclasses__()]
-        found += [one for one in more if one.__module__.startswith("granphon.")]
+        # what is no dataclass of its own is the base of some
+        found += [one for one in more if one.__module__.startswith("granphon.") and "__dataclass_fields__" in vars(one)]
     return list(dict.fromkeys(found))
 
 

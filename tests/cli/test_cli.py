@@ -18,8 +18,7 @@ from granphon.base.progress import Silent, Terminal, on_stderr, silent
 from granphon.base.staging import LIST
 from granphon.cli.commands import main
 from granphon.scene.file import FIELDS
-from granphon.scene.run import expected_files
-from granphon.scene.scene import Scene
+from granphon.scene.scene import Scene, expected_files
 from tests.conftest import one_error
 
 SCENE = """\

@@ -16,12 +16,13 @@ from granphon.base.errors import InputError, MechanismError
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.local_field import (
     LocalField,
-    _average_response,
-    _divide_by_symmetry,
+    _find_operations,
+    _make_response,
     compute_xi,
     local_field,
     paper_local_field,
 )
+from granphon.dynamics.zone_quadrature import divide_zone
 from tests.dynamics.test_local_field_space import Supercell
 
 ROOT3 = np.sqrt(3.0)
@@ -101,7 +102,7 @@ def by_green_function(eta: float, size: int, bending: float = 0.0, turning: bool
     return from_displacements(along(corona), along(2.0 * corona), along(corona + np.roll(corona, -1, axis=0)))
 
 
-@pytest.mark.parametrize("eta", ETAS)
+@pytest.mark.parametrize("eta", [0.0, 4.0 / 3.0])
 def test_green_function_on_a_mesh_has_its_order_and_extrapolates(eta):
     exact = triple(local_field("triangular", eta))
     sizes = [24, 32, 48, 64, 96, 128]
@@ -154,7 +155,7 @@ def triangular_cluster(eta: float, size: int) -> np.ndarray:
 
 
 @pytest.mark.claim("local-field-values")
-@pytest.mark.parametrize("eta", ETAS)
+@pytest.mark.parametrize("eta", [0.0, 0.84])
 def test_periodic_cluster_has_order_two_and_extrapolates(eta):
     exact = triple(local_field("triangular", eta))
     sizes = [12, 16, 24, 32, 48, 64]
@@ -207,7 +208,8 @@ def test_quadrature_converges_geometrically(name, eta):
     medium = ContactLattice.of(name, eta)
 
     def respond(order):
-        return _average_response(medium, _divide_by_symmetry(medium, order))
+        zone = divide_zone(medium.reciprocal, order, _find_operations(medium))
+        return sum(weights @ _make_response(medium)(q) for q, weights in zone)
 
     exact = respond(24)
     errors = [np.max(np.abs(respond(order) - exact)) for order in (4, 6, 8, 10, 12)]

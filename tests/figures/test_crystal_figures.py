@@ -261,9 +261,9 @@ def test_surfaces_are_as_far_from_the_middle_as_the_slowness(ax):
     ("direction", "name"),
     [((1, 0, 0), "x"), ((0, -1, 0), "−y"), ((1, 1, 0), "x+y"), ((1, -2, 0), "x−2y"), ((0.1, 0.0, 0.57), "0.17x+0.98z")],
 )
-def test_names_of_directions(direction, name):
-    way = np.array(direction, float)
-    assert slowness._name_direction(way / np.linalg.norm(way)) == name
+def test_names_of_directions(direction, name, ax):
+    slowness.plot_slowness(state_of("fcc", friction=False), ax, plane=(direction, (0.3, 0.2, 0.9)), colorbar=False)
+    assert ax.get_xlabel() == f"Slowness, {name} (s/km)"
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 import granphon as gp
 from granphon.balls.loads import Load
-from granphon.cli.wording import describe_result
+from granphon.cli.terminal import describe_result
 from granphon.figures.curves import plot_sweep
 from granphon.observables.catalogue import CATALOGUE, Analysis, axis_label, find_all
 from granphon.scene.scene import Scene

@@ -60,7 +60,7 @@ LINE = {1: "0 0 0 1/2 0 0", 2: "0 0 0 1/3 1/3 0 1/2 0 0 0.1 0.3 0", 3: "0 0 0 1/
 #: these take the same ways as the others
 MANY = (
     "smooth finite overlap", "micrometre balls", "ten-metre balls", "membrane", "finite fcc", "chain", "out of plane", "hcp",
-    "smooth fcc", "held balls",
+    "smooth fcc", "held balls", "hardly pressed",
 )  # fmt: skip
 
 

@@ -26,14 +26,13 @@ import granphon as gp
 from granphon.base.errors import FileExistsInRunError, InputError
 from granphon.base.staging import LIST, LOCK, ResultFiles
 from granphon.cli.commands import main
-from granphon.cli.wording import write_uncertain
+from granphon.cli.terminal import write_uncertain
 from granphon.runs.dataset import load_sweep
 from granphon.runs.store import read_entries
 from granphon.runs.sweep import sweep
 from granphon.runs.workers import Workers
 from granphon.scene.redraw import redraw
-from granphon.scene.run import RESULT_FILES, WORK_FILE, RunResult, expected_files, is_complete
-from granphon.scene.scene import Scene
+from granphon.scene.scene import RESULT_FILES, WORK_FILE, RunResult, Scene, expected_files, is_complete
 from tests.conftest import only
 from tests.runs.conftest import full_disk
 
@@ -661,7 +660,7 @@ def test_a_complete_folder_is_left_as_it_is(work, whole, monkeypatch, capsys):
     assert main(["run", "other.yaml", "-o", "out", "--resume"]) == 1
     assert main(["run", "one.yaml", "-o", "out", "--resume"]) == 1
     assert {path: path.read_bytes() for path in before} == {path: data for path, (data, _) in before.items()}
-    monkeypatch.setattr("granphon.scene.run.packages", lambda: {"granphon": "0.0.9"})
+    monkeypatch.setattr("granphon.scene.scene.packages", lambda: {"granphon": "0.0.9"})
     assert main(["run", "scene.yaml", "-o", "out", "--resume"]) == 1
     assert not begun
     assert {path: path.stat().st_mtime_ns for path in before} == {path: time for path, (_, time) in before.items()}

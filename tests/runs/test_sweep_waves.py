@@ -10,7 +10,7 @@ from granphon.media.state import ideal_lattice
 from granphon.runs.dataset import load_sweep
 from granphon.runs.store import read_entries
 from granphon.scene.redraw import redraw
-from granphon.scene.run import WORK_FILE, expected_files
+from granphon.scene.scene import WORK_FILE, expected_files
 from granphon.waves.path_spectra import find_path_points
 from tests.runs.conftest import Meter
 

@@ -19,13 +19,12 @@ from granphon.base.errors import InputError, InstabilityError, MechanismError, S
 from granphon.base.text import parse_yaml
 from granphon.cli.commands import main
 from granphon.cli.scenes import PRESETS
-from granphon.cli.wording import describe_result, describe_scene
+from granphon.cli.terminal import describe_result, describe_scene
 from granphon.figures.curves import sweep_figure
 from granphon.phonons.paths import BandPath
 from granphon.runs import dataset
 from granphon.scene.file import write_preset
-from granphon.scene.run import is_complete
-from granphon.scene.scene import Scene
+from granphon.scene.scene import Scene, is_complete
 
 MATERIAL = "material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}"
 #: lattices that hold their shape with the motions that they have by default
@@ -469,7 +468,7 @@ def test_mistakes_in_python(steel):
 # -- running --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("preset", ["chain", "membrane", "fcc", "hcp"])
+@pytest.mark.parametrize("preset", ["chain", "membrane", "fcc", pytest.param("hcp", marks=pytest.mark.exhaustive)])
 def test_presets_of_each_dimension_run(tmp_path, monkeypatch, capsys, preset):
     monkeypatch.chdir(tmp_path)
     assert preset in PRESETS

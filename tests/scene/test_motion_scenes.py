@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.base.errors import ConvergenceError, InputError, SceneError
-from granphon.runs.motion_records import write_contacts
+from granphon.runs.wave_records import write_contacts
 from granphon.scene.redraw import redraw
 from granphon.scene.run import draw_sweep
 from granphon.waves.drives import DriveSettings

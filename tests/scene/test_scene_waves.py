@@ -10,7 +10,7 @@ from granphon.base.errors import InputError
 from granphon.phonons.paths import BandPath
 from granphon.runs.wave_records import read_waves
 from granphon.scene.redraw import redraw
-from granphon.scene.run import expected_files
+from granphon.scene.scene import expected_files
 from granphon.waves.path_spectra import find_path_points, find_path_spectra
 
 HEAD = (

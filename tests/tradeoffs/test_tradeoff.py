@@ -21,7 +21,7 @@ import granphon as gp
 from granphon.balls.loads import Load
 from granphon.base.errors import FileExistsInRunError, GranphonError, InputError
 from granphon.cli.commands import main
-from granphon.cli.wording import describe_tradeoff
+from granphon.cli.terminal import describe_tradeoff
 from granphon.figures.work_precision import tradeoff_figure
 from granphon.runs.store import encode, open_store
 from granphon.tradeoffs import measure as tradeoffs
@@ -471,7 +471,7 @@ def test_a_budget_is_kept(found):
 @pytest.fixture(scope="module")
 def reference(rough):
     """That of the media, of as few samples as are looked at."""
-    return media(rough).find_reference(whenever(), lambda one: True, WorkCounter())
+    return media(rough, reference_side=32).find_reference(whenever(), lambda one: True, WorkCounter())
 
 
 def test_with_a_history_media_are_judged_by_arrays_loaded_with_friction(rough, monkeypatch):
@@ -525,11 +525,11 @@ def test_errors_of_the_media_are_those_from_the_same_reference_by_hand(rough, fo
 @pytest.mark.claim("tradeoff-references")
 def test_the_reference_of_the_media_is_two_algorithms_that_agree(rough, reference):
     few = reference
-    assert "8 samples of 64 x 64 balls" in few.made
+    assert "8 samples of 32 x 32 balls" in few.made
     assert np.max(media(rough, FORCES[:1]).compare(whenever())[1]) < 1e-9
     # an independent large sample
-    array = observe(gp.DirectSimulation(rough, (96, 96), 5).at_force(np.array(FORCES)))
-    chance = few.errors + np.std([observe(gp.DirectSimulation(rough, (40, 40), s).at_force(np.array(FORCES))) for s in
+    array = observe(gp.DirectSimulation(rough, (64, 64), 5).at_force(np.array(FORCES)))
+    chance = few.errors + np.std([observe(gp.DirectSimulation(rough, (32, 32), s).at_force(np.array(FORCES))) for s in
                                   range(6)], axis=0, ddof=1) / few.values / 4.0  # fmt: skip
     assert np.all(np.abs(array / few.values - 1.0) < 4.0 * chance)
 
