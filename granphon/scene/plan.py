@@ -216,17 +216,17 @@ class Plan:
         """Whether the diameters of the balls differ, or differ in a sweep over "width" or "spread"."""
         return self.packing.width > 0.0 or not {"width", "spread"}.isdisjoint(dict(self.parameters))
 
-    def asked(self, block: str) -> Any:
+    def _asked(self, block: str) -> Any:
         """The settings of a block, if the scene observes what they are about; else None."""
         return getattr(self, block) if block in self.observe else None
 
     @cached_property
     def waves(self) -> WaveSettings | None:
         """What is observed of the waves in arrays, where media simulate them, and of networks; None for nothing."""
-        networks = tuple(one for one in map(self.asked, NETWORK_BLOCKS) if one is not None)
+        networks = tuple(one for one in map(self._asked, NETWORK_BLOCKS) if one is not None)
         if not networks and not set(WAVES) & set(self.observe):
             return None
-        spectrum, pulse = self.asked("spectrum"), self.asked("pulse")
+        spectrum, pulse = self._asked("spectrum"), self._asked("pulse")
         way = ((), ()) if spectrum is None else (self.path.paths, self.path.names)
         along = None if pulse is None else self.direction
         return WaveSettings("dos" in self.observe, spectrum, *way, pulse, along, networks)
@@ -255,7 +255,7 @@ class Plan:
         from granphon.figures.words import describe_medium  # imported here: a run does not need it
 
         load, structure, seen = self.load, self.packing.structure, set(self.observe)
-        spectrum, pulse, surface, of = map(self.asked, ("spectrum", "pulse", "surface", "response"))
+        spectrum, pulse, surface, of = map(self._asked, ("spectrum", "pulse", "surface", "response"))
         media = [describe_medium(one.label, structure.periods, structure.n_balls) for one in self.media]
         rows: list[tuple[str, Any, str]] = [
             *self.packing.describe(),
@@ -342,7 +342,7 @@ class Plan:
         path = (self.path.arrays, self.band_points, self.path.labels) if "bands" in self.observe else None
         asked = Asked(
             self.finite_overlap, path=path, direction=self.direction, waves=self.waves, exponents=sound,
-            surface=self.asked("surface"), bands=self.asked("bands"),
+            surface=self._asked("surface"), bands=self._asked("bands"),
             sound=sound or not {"bands", "dos", "surface", *NETWORK_BLOCKS} & set(self.observe), alone=self.is_single,
             observed=tuple(name for name in self.observe if name not in rules.OBSERVABLES),
         )  # fmt: skip
@@ -574,7 +574,7 @@ class Plan:
             total = add_up(each, lambda cost: cost.known)
         smaller = "Take fewer balls (medium.simulation.shape), fewer wave vectors or a coarser resolution (spectrum)"
         waves = (("medium",), smaller, replace(total, parts=total.parts[:1]))
-        if (motion := self.asked("motion")) is not None:
+        if (motion := self._asked("motion")) is not None:
             moved = [_estimate_motion(one, motion) for case in self.few for one in case.serving_media]
             total = add_up([cost for cost in moved if cost is not None], lambda cost: cost.known)
             mend = "Take fewer balls (motion.repeat, motion.cut), a shorter motion.duration or fewer motion.frames"
@@ -647,7 +647,7 @@ class Plan:
         ):  # fmt: skip
             if name in self.observe and fails:
                 raise Refused(f"{name!r} {found}", allowed, mend, ("observe",))
-        if (surface := self.asked("surface")) is not None:
+        if (surface := self._asked("surface")) is not None:
             with rules.refusing(surface.axis, "an axis across which the balls repeat", "surface", "axis"):
                 Layers.across(surface.axis, structure.vectors)
         if "pulse" in names and len(self.directions) > 1:

@@ -274,7 +274,7 @@ def list_files(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
     seen, drawn = scene.observe, list[str]()
     names = ["scene.yaml", "summary.yaml", *[DIAMETERS_FILE] * (scene.diameters is not None), "sweep.nc", "sweep.csv"]
     names += [f"{name}.csv" for name in NETWORK_BLOCKS if name in seen]
-    names += ["damped_bands.csv"] * (scene.asked("bands") is not None)
+    names += ["damped_bands.csv"] * (scene._asked("bands") is not None)
     drawn += [f"{name}.png" for name in NETWORK_BLOCKS if name in seen]
     if not scene.is_single:
         names += ["sweep_dos.csv"] * ("dos" in seen) + ["sweep_spectra.csv"] * ("spectrum" in seen)
@@ -488,7 +488,7 @@ def _describe_alone(
 
         waves = SampleWaves.of(scene.waves, state, [one.of_waves for one in records])
     result = RunResult(scene, target, dataset, analysis, waves=waves)
-    if (edge := scene.asked("surface")) is not None:
+    if (edge := scene._asked("surface")) is not None:
         from granphon.phonons.surfaces import Surface
 
         with progress.step("surface"):
