@@ -109,8 +109,7 @@ def test_long_waves_are_those_of_debye(eta):
 
 
 @pytest.mark.claim("tradeoff-references")
-@pytest.mark.parametrize("friction", [False, True], ids=["smooth", "rough"])
-@pytest.mark.parametrize("finite_overlap", [False, True])
+@pytest.mark.parametrize(("friction", "finite_overlap"), [(False, True), (True, False)], ids=["smooth", "rough"])
 def test_against_tetrahedra(steel, friction, finite_overlap):
     medium = gp.AveragedLattice(gp.Packing(steel, 8e-3, friction=friction))
     state = medium.at_force(5e3 if finite_overlap else 18.446, finite_overlap=finite_overlap)

@@ -223,11 +223,10 @@ def press_further(overlap: float, differences: Array, out: Array | None = None) 
     return change, root
 
 
-def release(rest: Array, rest_root: Array, elongation: Array, out: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Return by what forces fall below those of overlaps y >= 0 at rest when contacts are longer by e, and h_+^(1/2).
+def release(rest: Array, rest_root: Array, elongation: Array, out: tuple[Array, Array]) -> None:
+    """Write to ``out`` what an elongation e from overlaps y >= 0 at rest takes from forces, and the roots h_+^(1/2).
 
-    h = y - e. No digits are lost by subtraction. ``rest_root`` is y^(1/2), or the least number above zero. Results are
-    written to ``out``.
+    h = y - e. No digits are lost by subtraction. ``rest_root`` is y^(1/2), or the least number above zero.
     """
     loss, root = out
     np.minimum(elongation, rest, out=loss)  # of h_+
@@ -237,7 +236,6 @@ def release(rest: Array, rest_root: Array, elongation: Array, out: tuple[Array, 
     np.divide(rest, factor, out=factor)
     factor += root
     loss *= factor
-    return loss, root
 
 
 def stretch(rest: Array, rest_root: Array, elongation: Array) -> Array:

@@ -164,11 +164,8 @@ class Units:
         """
         missing = [key for key in _INFO.values() if key not in info]
         if missing:
-            what, why = (
-                f"the scales {', '.join(missing)} are missing",
-                "Objects in reduced units carry their scales with them",
-            )
-            raise InputError(what, why, "Make the object with granphon, or add the missing entries")
+            what, mend = f"the scales {', '.join(missing)} are missing", "Make it with granphon, or add the missing entries"
+            raise InputError(what, "Objects in reduced units carry their scales with them", mend)
         return cls(**{name: info[key] for name, key in _INFO.items()})
 
 

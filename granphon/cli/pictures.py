@@ -166,26 +166,17 @@ def make_scene_page(
         from granphon.page.page import make_page
 
         first = read.cases[0].case
-        begins = f"The scene sweeps parameters; this page is that of the first values: {first.where}."
-        direction = read.directions[0] if read.directions else None
         title = f"{first.packing.structure.name} lattice, {Path(scene).name}"
+        given: dict[str, Any] = {"direction": next(iter(read.directions), None), "title": title, "losses": read.bands}
         with read.origin.at():
             if first.packing.kind_names:
                 state: Any = first.medium.of(first.packing).at(first.load[0], finite_overlap=read.finite_overlap)
                 begins = "The scene has several states; this page is that of the first."
-                text = make_page(
-                    state.source,
-                    direction=direction,
-                    title=title,
-                    losses=read.bands,
-                    remarks=[begins] * (not read.is_single),
-                )
-                place.write_text(text, encoding="utf-8")
-                return
-            text = make_page(
-                first.packing, read.media, read.load, finite_overlap=read.finite_overlap, path=read.band,
-                direction=direction, title=title, losses=read.bands, remarks=[begins] * bool(first.where),
-            )  # fmt: skip
+                text = make_page(state.source, **given, remarks=[begins] * (not read.is_single))
+            else:
+                begins = f"The scene sweeps parameters; this page is that of the first values: {first.where}."
+                given |= {"finite_overlap": read.finite_overlap, "path": read.band, "remarks": [begins] * bool(first.where)}
+                text = make_page(first.packing, read.media, read.load, **given)
         place.write_text(text, encoding="utf-8")
 
 

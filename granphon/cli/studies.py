@@ -101,10 +101,8 @@ def fit_measurements(
     files = None if out is None else ResultFiles(out, FIT_FILES, force, inputs=(*read.origin.inputs, data))
     if files is not None:
         files.require_free()
-    given, columns = (
-        tuple(parameter or ()),
-        {kind.strip(): name for kind, _, name in (one.partition("=") for one in column or ())},
-    )
+    given = tuple(parameter or ())
+    columns = {kind.strip(): name for kind, _, name in (one.partition("=") for one in column or ())}
     if twice := [name for name in dict.fromkeys(given) if given.count(name) > 1]:
         raise InputError(f"--parameter {twice[0]} is given {given.count(twice[0])} times", mend="Give it once")
     table = Table.read(data)
@@ -133,15 +131,11 @@ def fit_measurements(
     replaced = width and read.media[0].name == "ala" and not read.balls_differ
     medium = "ema" if replaced else read.media[0]
     balls = read.load.balls_per_side
-    measured = Measurements.read(
-        data,
-        columns,
-        None if distance is None else require("--distance", LENGTH.read, distance),
-        None if balls is None else partial(force_of_frame, balls_per_side=balls),
-        partial(convert_pressure, packing, read.finite_overlap, medium, given),
-        packing.structure.periods,
-        partial(convert_cutoff, packing, branch, along, read.finite_overlap, given),
-    )
+    far = None if distance is None else require("--distance", LENGTH.read, distance)
+    frame = None if balls is None else partial(force_of_frame, balls_per_side=balls)
+    pressed = partial(convert_pressure, packing, read.finite_overlap, medium, given)
+    carried = partial(convert_cutoff, packing, branch, along, read.finite_overlap, given)
+    measured = Measurements.read(data, columns, far, frame, pressed, packing.structure.periods, carried)
     found = fit_width(
         packing, measured.force, measured.velocity,
         measured.sigma if sigma is None else require("--sigma", partial(read_sigma, velocity=measured.velocity), sigma),

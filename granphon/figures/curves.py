@@ -522,7 +522,25 @@ def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None
         # of velocities some may be the same in all directions, which the legend of the others names
         curves, handles = max(every, key=lambda one: len(one[1]))
         if velocities:
-            _name_velocities(axes[0], {velocities[one]: found for one, (found, _) in zip(shown, every, strict=True)})
+            # the symbols of velocities stand beside the right ends of their curves, in one text where these are close
+            drawn = {velocities[one]: found for one, (found, _) in zip(shown, every, strict=True)}
+            scale_axis(axes[0], "y", np.concatenate([curve.y for group in drawn.values() for curve in group]))
+            axes[0].set_ylabel(f"Sound velocity ({CATALOGUE['longitudinal'].unit})")
+            ends: dict[str, float] = {}
+            for name, group in drawn.items():
+                # a path may turn, and end anywhere
+                right = [float(curve.y[np.argmax(curve.x)]) for curve in group]
+                if name != _VELOCITIES[_PULSE] and (known := [value for value in right if np.isfinite(value)]):
+                    ends[name] = max(known)  # the legend names the marks of pulses, which are often near those of long waves
+            to_axes, last = axes[0].transData - axes[0].transAxes, -np.inf
+            together: dict[float, list[str]] = {}
+            for name, value in sorted(ends.items(), key=lambda item: item[1]):
+                height = float(to_axes.transform((axes[0].get_xlim()[0], value))[1])
+                if height - last > 0.06:  # names that stand nearer, over the height of the axes, are written in one
+                    last, together[value] = height, []
+                together[max(together)].append(name)
+            for value, names in together.items():
+                _write_beside(axes[0], ", ".join(names), value)
         if both:
             plot_exponent(dataset, axes[1], x)
             axes[0].set_xlabel("")
@@ -543,27 +561,6 @@ def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None
             handle.set_label(label)
         add_legend(figure, handles, 4, title if alone else None)
     return figure
-
-
-def _name_velocities(ax: Axes, drawn: dict[str, list[Curve]]) -> None:
-    """Write the symbols of velocities beside the right ends of their curves, one text where these are close."""
-    scale_axis(ax, "y", np.concatenate([curve.y for group in drawn.values() for curve in group]))
-    ax.set_ylabel(f"Sound velocity ({CATALOGUE['longitudinal'].unit})")
-    ends: dict[str, float] = {}
-    for name, group in drawn.items():
-        # a path may turn, and end anywhere
-        right = [float(curve.y[np.argmax(curve.x)]) for curve in group]
-        if name != _VELOCITIES[_PULSE] and (known := [value for value in right if np.isfinite(value)]):
-            ends[name] = max(known)  # the legend names the marks of pulses, which are often near those of long waves
-    to_axes, last = ax.transData - ax.transAxes, -np.inf
-    together: dict[float, list[str]] = {}
-    for name, value in sorted(ends.items(), key=lambda item: item[1]):
-        height = float(to_axes.transform((ax.get_xlim()[0], value))[1])
-        if height - last > 0.06:  # names that stand nearer, over the height of the axes, are written in one
-            last, together[value] = height, []
-        together[max(together)].append(name)
-    for value, names in together.items():
-        _write_beside(ax, ", ".join(names), value)
 
 
 # -- figures of several results ------------------------------------------------------------------------------------------

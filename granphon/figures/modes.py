@@ -136,8 +136,35 @@ def plot_network_mode(
     out, and so are flat walls. Of more than 500 balls those are drawn that have most of the kinetic energy; the title says
     so.
     """
-    motion = _find_network_motion(modes, mode)
-    motion.draw(ax, phase, view or motion.view, positive("size", size))
+    network, count = modes.network, len(modes.frequencies)
+    mode, moving, d = whole_number("mode", mode, 0, count - 1), network.ball_motions, network.scales.length
+    vectors = modes.vectors[mode]
+    energy = np.where(np.isfinite(network.radii), np.sum(vectors**2, axis=1), -1.0)
+    balls = np.sort(np.argsort(-energy, kind="stable")[: min(500, np.count_nonzero(energy >= 0.0))])
+    place = np.full(network.n_balls, -1)
+    place[balls] = np.arange(balls.size)
+    pairs = np.stack([place[network.i], place[network.j]], axis=1)
+    pairs = pairs[np.all(pairs >= 0, axis=1) & ~np.any(network.shift, axis=1)]
+    motion = vectors[balls] / np.sqrt(network.masses[balls])[:, None]
+    gyration, free = np.ones(balls.size), network.moving[balls]
+    gyration[free] = np.sqrt(network.inertias[balls][free] / network.masses[balls][free]) / d
+    u, w = np.zeros((2, balls.size, 3))
+    u[:, list(moving.translations)] = motion[:, : modes.displacements]
+    w[:, list(moving.rotations)] = motion[:, modes.displacements :]
+    scale = _LARGEST / max(_find_amplitude(u), _find_amplitude(w))
+    hertz = float(modes.frequencies[mode])
+    unit = HertzPrefix.for_top(hertz)
+    part = f", rotation {100.0 * float(modes.rotational_fraction[mode]):.0f} %" if moving.rotate else ""
+    names = network.kinds or [""] * network.n_balls
+    kinds = colour_kinds(itertools.compress(names, network.moving))
+    few = f", {balls.size} of {network.n_balls} balls" if balls.size < network.n_balls - np.sum(energy < 0.0) else ""
+    said = f"{hertz / unit.hertz:.1f} {print_hertz(unit)}{part}\nparticipation {modes.participation_ratio[mode]:.2g}{few}"
+    found = _Motion(
+        network.positions[balls] / d, network.radii[balls] / d, pairs, scale * u, scale * w / gyration[:, None], gyration,
+        moving.rotate, network.dimension < 3 and 2 not in moving.translations and set(moving.rotations) <= {2}, said,
+        [kinds.get(names[ball], _BALL) if network.moving[ball] else "0.75" for ball in balls.tolist()], kinds,
+    )  # fmt: skip
+    found.draw(ax, phase, view or found.view, positive("size", size))
     return ax
 
 
@@ -208,37 +235,6 @@ def _find_motion(
         places, radii, pairs, scale * u[balls] * wave, (scale * w / lattice.gyration[:, None])[balls] * wave,
         lattice.gyration[balls], moving.rotate,
         planar, f"q = ({fractions})\n{said}{part}", [kinds.get(names[ball], _BALL) for ball in balls.tolist()], kinds,
-    )  # fmt: skip
-
-
-def _find_network_motion(modes: NetworkModes, mode: int) -> _Motion:
-    network, count = modes.network, len(modes.frequencies)
-    mode, moving, d = whole_number("mode", mode, 0, count - 1), network.ball_motions, network.scales.length
-    vectors = modes.vectors[mode]
-    energy = np.where(np.isfinite(network.radii), np.sum(vectors**2, axis=1), -1.0)
-    balls = np.sort(np.argsort(-energy, kind="stable")[: min(500, np.count_nonzero(energy >= 0.0))])
-    place = np.full(network.n_balls, -1)
-    place[balls] = np.arange(balls.size)
-    pairs = np.stack([place[network.i], place[network.j]], axis=1)
-    pairs = pairs[np.all(pairs >= 0, axis=1) & ~np.any(network.shift, axis=1)]
-    motion = vectors[balls] / np.sqrt(network.masses[balls])[:, None]
-    gyration, free = np.ones(balls.size), network.moving[balls]
-    gyration[free] = np.sqrt(network.inertias[balls][free] / network.masses[balls][free]) / d
-    u, w = np.zeros((2, balls.size, 3))
-    u[:, list(moving.translations)] = motion[:, : modes.displacements]
-    w[:, list(moving.rotations)] = motion[:, modes.displacements :]
-    scale = _LARGEST / max(_find_amplitude(u), _find_amplitude(w))
-    hertz = float(modes.frequencies[mode])
-    unit = HertzPrefix.for_top(hertz)
-    part = f", rotation {100.0 * float(modes.rotational_fraction[mode]):.0f} %" if moving.rotate else ""
-    names = network.kinds or [""] * network.n_balls
-    kinds = colour_kinds(itertools.compress(names, network.moving))
-    few = f", {balls.size} of {network.n_balls} balls" if balls.size < network.n_balls - np.sum(energy < 0.0) else ""
-    said = f"{hertz / unit.hertz:.1f} {print_hertz(unit)}{part}\nparticipation {modes.participation_ratio[mode]:.2g}{few}"
-    return _Motion(
-        network.positions[balls] / d, network.radii[balls] / d, pairs, scale * u, scale * w / gyration[:, None], gyration,
-        moving.rotate, network.dimension < 3 and 2 not in moving.translations and set(moving.rotations) <= {2}, said,
-        [kinds.get(names[ball], _BALL) if network.moving[ball] else "0.75" for ball in balls.tolist()], kinds,
     )  # fmt: skip
 
 

@@ -97,9 +97,24 @@ def plot_spectrum(spectra: PathSpectra, ax: Axes, number: int = 0, *, bands: boo
     if edges_y[-1] < top / unit.hertz:  # nothing is above the highest frequency
         edges_y, values = np.append(edges_y, top / unit.hertz), np.pad(values, ((0, 0), (0, 1)))
     corners = spectra.corners
-    edges_x, owner = _find_columns(x, corners)
+    # the edges (n + 1,) of columns along the path, and which point each shows; -1 where no point lies on that leg
+    near, edges_x, owners = 1e-9 * float(corners[-1]), [float(corners[0])], list[int]()
+    for n, (here, after) in enumerate(zip(x, [*x[1:], np.inf], strict=True)):
+        if not n and (before := corners[1:][corners[1:] < here - near]).size:
+            edges_x.append(float(before[-1]))
+            owners.append(-1)
+        owners.append(n)
+        between = corners[(corners > here + near) & (corners < after - near)]
+        if not between.size:  # the last point may be at the end of the path
+            edges_x.append(0.5 * float(here + after) if np.isfinite(after) else float(corners[-1]))
+            continue
+        edges_x.append(float(between[0]))
+        if between.size > 1:
+            edges_x.append(float(between[-1]))
+            owners.append(-1)
+    owner = np.array(owners)
     shown = np.where(owner[:, None] < 0, np.nan, values[owner])
-    _draw_map(ax, edges_x, edges_y, shown, f"Spectral function, {one.polarisation}", unit, gid="spectral-function")
+    _draw_map(ax, np.array(edges_x), edges_y, shown, f"Spectral function, {one.polarisation}", unit, gid="spectral-function")
     if bands:
         label = "bands of the mean lattice"
         per = spectra.band_distances.size // (len(corners) - 1)
@@ -175,29 +190,6 @@ def plot_surface(spectrum: SurfaceSpectrum, ax: Axes, *, branches: SurfaceBranch
     ax.set(ylabel=f"Frequency ({print_hertz(unit)})", xlim=(x.min(), x.max()), ylim=(0.0, y[-1]))
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
     return ax
-
-
-def _find_columns(x: Array, corners: Array) -> tuple[Array, NDArray[np.intp]]:
-    """Return the edges (n + 1,) of columns along a path, and for each column (n,) which of the points ``x`` it shows.
-
-    -1 stands for none: no point lies on that leg.
-    """
-    near = 1e-9 * float(corners[-1])
-    edges, owner = [float(corners[0])], []
-    for n, (here, after) in enumerate(zip(x, [*x[1:], np.inf], strict=True)):
-        if not n and (before := corners[1:][corners[1:] < here - near]).size:
-            edges.append(float(before[-1]))
-            owner.append(-1)
-        owner.append(n)
-        between = corners[(corners > here + near) & (corners < after - near)]
-        if not between.size:  # the last point may be at the end of the path
-            edges.append(0.5 * float(here + after) if np.isfinite(after) else float(corners[-1]))
-            continue
-        edges.append(float(between[0]))
-        if between.size > 1:
-            edges.append(float(between[-1]))
-            owner.append(-1)
-    return np.array(edges), np.array(owner)
 
 
 def spectrum_figure(spectra: PathSpectra) -> Figure:

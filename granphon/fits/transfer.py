@@ -117,9 +117,8 @@ class TransferFunction(Result):
             if heads[kind] not in table:
                 what = f"{table.name} has no column named {heads[kind]!r}"
                 why = f"Its columns are {', '.join(repr(str(heading)) for heading in table.headings)}"
-                raise InputError(
-                    what, why, f"Head it '{kind}', or name it: --column '{kind}=NAME', columns={{'{kind}': 'NAME'}}"
-                )
+                mend = f"Head it '{kind}', or name it: --column '{kind}=NAME', columns={{'{kind}': 'NAME'}}"
+                raise InputError(what, why, mend)
 
         def read(kind: str, plain: Mapping[str, float]) -> Array | None:
             """Return the numbers of a column in one of these units; None if it is not there, or has another unit."""
@@ -156,9 +155,8 @@ class TransferFunction(Result):
         for kind in ("phase", "phase_sigma"):
             found = read(kind, _ANGLES)
             if found is None and heads[kind] in table:
-                raise InputError(
-                    f"{table.name}: the column {heads[kind]!r} is not in rad or deg", mend=f"Head it '{kind} (rad)'"
-                )
+                what = f"{table.name}: the column {heads[kind]!r} is not in rad or deg"
+                raise InputError(what, mend=f"Head it '{kind} (rad)'")
             angles.append(found)
         frequencies = table.column(heads["frequency"], FREQUENCY)
         try:
@@ -306,9 +304,8 @@ def fit_damping(
     dof = m.size * (1 if phase is None else 2) - len(names)
     if dof < (not given):
         why = "" if given else "Without sigma one more is needed, to find the scatter"
-        raise InputError(
-            f"there are {dof + len(names)} numbers, to which {len(names)} parameters cannot be fitted", why, "Measure more"
-        )
+        what = f"there are {dof + len(names)} numbers, to which {len(names)} parameters cannot be fitted"
+        raise InputError(what, why, "Measure more")
     sigma = m if measured.sigma is None else measured.sigma
     angle = sigma / m if measured.phase_sigma is None else measured.phase_sigma
     turned = np.ones(m.size) if phase is None else np.exp(1j * phase)
@@ -360,9 +357,8 @@ def fit_damping(
     norms = np.linalg.norm(jacobian, axis=0)
     _, singular, right = np.linalg.svd(jacobian / np.maximum(norms, 1e-300), full_matrices=False)
     if np.any(norms == 0.0) or singular[-1] < SAME_EFFECT * singular[0]:
-        raise InputError(
-            f"the data cannot tell {' and '.join(names)} apart", mend="Measure a wider range, or fit fewer parameters"
-        )
+        what = f"the data cannot tell {' and '.join(names)} apart"
+        raise InputError(what, mend="Measure a wider range, or fit fewer parameters")
     scatter = 1.0 if given else max(math.sqrt(chi2 / dof), float(np.finfo(float).eps))
     root = (right / singular[:, None]).T / norms[:, None] * scale[:, None] * scatter
     covariance, values = root @ root.T, best.x * scale
@@ -372,10 +368,8 @@ def fit_damping(
         for name, value, error in zip(names, values.tolist(), np.sqrt(np.diag(covariance)).tolist(), strict=True)
         if error > LARGE_ERROR * value
     ]
-    found = [
-        np.array([float(np.mean(each)) for each in one])
-        for one in model.losses(dict(zip(names, values.tolist(), strict=True)))
-    ]
+    losses = model.losses(dict(zip(names, values.tolist(), strict=True)))
+    found = [np.array([float(np.mean(each)) for each in one]) for one in losses]
     known = replace(measured, sigma=sigma * scatter, phase_sigma=None if phase is None else angle * scatter)
     phases = np.angle(h) if phase is None else phase - np.angle(turned / h)
     return DampingFit(

@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -40,6 +40,11 @@ class CrystalCell(Lattice):
     What repeats nowhere is put into a cell along x, beyond the reach of its neighbours.
     """
 
+    #: length of the longest contact, in mean diameters
+    reach: float = field(default=1.0, compare=False)
+    #: number of axes along which a pressure acts: the periods, and those across which the crystal was cut
+    pressed_axes: int = field(default=1, compare=False)
+
     def __post_init__(self) -> None:
         """Take the cell as it is: a crystal is checked when it is made."""
 
@@ -52,21 +57,11 @@ class CrystalCell(Lattice):
         p = len(vectors)
         places[:, :p] = places[:, :p] @ np.linalg.inv(vectors[:, :p])
         places[:, p:] /= diameter
-        cell = cls(crystal.name, *(tuple(map(tuple, one.tolist())) for one in (vectors / diameter, places)))
         reach = float(np.linalg.norm(crystal.contacts.vector, axis=1).max(initial=0.0)) / diameter
-        pressed = max(1, crystal.periods + len(crystal.faces))
-        cell.__dict__.update(contacts=crystal.contacts, _pressed=pressed, _reach=reach)
+        rows, sites = (tuple(map(tuple, one.tolist())) for one in (vectors / diameter, places))
+        cell = cls(crystal.name, rows, sites, reach, max(1, crystal.periods + len(crystal.faces)))
+        cell.__dict__["contacts"] = crystal.contacts
         return cell
-
-    @property
-    def reach(self) -> float:
-        """Length of the longest contact, in mean diameters."""
-        return float(self.__dict__["_reach"])
-
-    @property
-    def pressed_axes(self) -> int:
-        """Number of axes along which a pressure acts: the periods, and those across which the crystal was cut."""
-        return int(self.__dict__["_pressed"])
 
 
 @dataclass(frozen=True)
@@ -109,6 +104,10 @@ class Arrangement:
     bending: float = 0.0
     seed: int = 0
     given: Crystal | None = field(default=None, repr=False, compare=False)
+
+    #: the distribution of diameters about that of their kind, and its width, m: none
+    spread: ClassVar[None] = None
+    width: ClassVar[float] = 0.0
 
     @classmethod
     def of(cls, crystal: Crystal) -> Arrangement:
@@ -190,16 +189,6 @@ class Arrangement:
     def ball_motions(self) -> Motions:
         """The motions of each ball."""
         return self.crystal.ball_motions
-
-    @property
-    def width(self) -> float:
-        """Width of the distribution of diameters about that of their kind, m: none."""
-        return 0.0
-
-    @property
-    def spread(self) -> None:
-        """The distribution of diameters about that of their kind: none."""
-        return None
 
     @property
     def mass(self) -> float:

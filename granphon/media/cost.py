@@ -58,11 +58,11 @@ _FACTOR_FORCE = 0.015
 _FACTOR_BYTES = 2100.0
 _ROTATING_FACTOR_BYTES = 4900.0
 #: times of a step of a motion and of each deformation of a contact in it, s; of a frame, and of each contact in it
-_MOTION_TIMES, _FRAME_TIMES = (4e-5, 3.3e-8), (4e-4, 4e-7)
+_MOTION_TIMES, _FRAME_TIMES = (2.5e-5, 3.3e-8), (4e-4, 4e-7)
 #: times of a step with contacts that turn in a plane, and in space, and of each contact in it
-_TURNING_TIMES = {2: (2e-4, 2.6e-7), 3: (4e-4, 8e-7)}
-#: times by which steps are longer with dashpots, implicit ones, and implicit ones with contacts that turn
-_MOTION_DAMPED, _IMPLICIT, _TURNING_IMPLICIT = 1.6, 7.0, 4.0
+_TURNING_TIMES = {2: (1e-4, 9e-8), 3: (3e-4, 8e-7)}
+#: times by which steps are longer with dashpots, and implicit ones
+_MOTION_DAMPED, _IMPLICIT = 1.6, 8.0
 #: bytes for each contact of a motion, and copies of what is kept
 _MOTION_CONTACT_BYTES, _MOTION_COPIES = 1300.0, 3.0
 #: bytes for each ball of a further sample that is kept
@@ -437,8 +437,7 @@ def motion(
     and fcc.
     """
     alone, each = _TURNING_TIMES[turning] if turning else (_MOTION_TIMES[0], _MOTION_TIMES[1] * rows)
-    step = (alone + each * contacts) * (_MOTION_DAMPED if damped else 1.0)
-    step *= (_TURNING_IMPLICIT if turning else _IMPLICIT) if implicit else 1.0
+    step = (alone + each * contacts) * (_MOTION_DAMPED if damped else 1.0) * (_IMPLICIT if implicit else 1.0)
     memory = 8.0 * frames * (15.0 * balls + 2.0 * contacts) * _MOTION_COPIES + _MOTION_CONTACT_BYTES * contacts
     known = steps * step + frames * (_FRAME_TIMES[0] + _FRAME_TIMES[1] * contacts)
     return Cost(memory, known=known, parts=(f"motion of {balls:,} balls in {steps:,.0f} steps",))

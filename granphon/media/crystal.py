@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -36,6 +36,7 @@ from granphon.base.results import Result, read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
 from granphon.base.validation import finite_array, label, lengths, real_array, require, truth, whole_number
+from granphon.dynamics.long_waves import voigt_pairs
 from granphon.media.crystal_statics import Frame, Push, Rest, Springs, settle, settle_exactly
 from granphon.media.limits import Check, check_limit
 from granphon.media.state import read_finite_overlap
@@ -701,10 +702,9 @@ class Crystal(Result):
             why = "Balls that only touch have no stiffness, and carry no sound"
             raise InputError("pressure is zero", why, "Press them, or give gravity and a floor")
 
-        def push(one: Array, field: Array | None) -> Push:
-            return self._push_hydrostatic(float(one), field, f"a pressure of {one:g}")
-
-        return self._solve_each(values, fields, push, finite_overlap)
+        loads = zip(values.ravel().tolist(), fields, strict=True)
+        pushes = (self._push_hydrostatic(one, field, f"a pressure of {one:g}") for one, field in loads)
+        return self._solve_each(values, pushes, finite_overlap)
 
     def at_force(
         self, force: ArrayLike, *, gravity: ArrayLike | None = None, finite_overlap: bool | None = None
@@ -743,11 +743,14 @@ class Crystal(Result):
         """
         values, fields = self._read_gravity(self._read_tensor("stress", stress, 1.0), gravity, 2)
 
-        def push(one: Array, field: Array | None) -> Push:
+        def name(one: Array) -> str:
             words = f"the stress {brief(np.round(one, 12).tolist() if np.max(np.abs(one)) > 1e-6 else one.tolist())}"
-            return self._push(f"{words} {('', 'N', 'N/m', 'Pa')[self.periods]}", field, stress=one)
+            return f"{words} {('', 'N', 'N/m', 'Pa')[self.periods]}"
 
-        return self._solve_each(values, fields, push, finite_overlap, 2)
+        loads = zip(values.reshape(-1, *values.shape[-2:]), fields, strict=True)
+        return self._solve_each(
+            values, (self._push(name(one), field, stress=one) for one, field in loads), finite_overlap, 2
+        )
 
     def at_strain(
         self, strain: ArrayLike, *, gravity: ArrayLike | None = None, finite_overlap: bool | None = None
@@ -770,10 +773,9 @@ class Crystal(Result):
             what = f"strain shortens crystal {self.name!r} by {-least:.4g} of its length"
             raise InputError(what, "Nothing would be left of it", "Give a strain above -1")
 
-        def push(one: Array, field: Array | None) -> Push:
-            return self._push(f"the strain {brief(one.tolist())}", field, strain=one)
-
-        return self._solve_each(values, fields, push, finite_overlap, 2)
+        loads = zip(values.reshape(-1, *values.shape[-2:]), fields, strict=True)
+        pushes = (self._push(f"the strain {brief(one.tolist())}", field, strain=one) for one, field in loads)
+        return self._solve_each(values, pushes, finite_overlap, 2)
 
     def _read_tensor(self, name: str, values: ArrayLike, shear: float) -> Array:
         """Return tensors (..., p, p), from these or from Voigt's order, in which shears count by the factor ``shear``."""
@@ -781,7 +783,7 @@ class Crystal(Result):
         if not p:
             raise InputError(f"crystal {self.name!r} has no period that a {name} could act on", mend="Give a pressure")
         given = finite_array(name, values)
-        voigt = {1: ((0, 0),), 2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))}[p]
+        voigt = voigt_pairs(p)
         if p == 1 and given.ndim == 0:
             given = given[None]
         if given.shape[-2:] == (p, p):
@@ -947,17 +949,13 @@ class Crystal(Result):
         )
         raise InputError(what, why, "Give a larger one" if field is not None else "")
 
-    def _solve_each(
-        self, values: Array, fields: Sequence[Array | None], make: Callable[[Array, Array | None], Push],
-        finite_overlap: bool | None, rank: int = 0,
-    ) -> CrystalState:  # fmt: skip
-        """Return the state at each load: ``make`` makes that of a value, or of a tensor of ``rank`` 2, and of gravity."""
+    def _solve_each(self, values: Array, pushes: Iterable[Push], finite_overlap: bool | None, rank: int = 0) -> CrystalState:
+        """Return the state at each load: ``pushes`` are those of the values, or of tensors of ``rank`` 2."""
         follows = read_finite_overlap(finite_overlap)
         frame, springs = self._frame[0], self._springs
         found = []
         with _in_double_precision(values):
-            for one, field in zip(values.reshape(-1, *values.shape[values.ndim - rank :]), fields, strict=True):
-                push = make(one, field)
+            for push in pushes:
                 rest = settle(frame, springs, push)
                 found.append((settle_exactly(frame, springs, push, rest) if follows else rest, push))
             return self._stack(values, found, rank, follows)

@@ -112,13 +112,3 @@ def find_equilibrium(
         return equilibrate_exactly(deviations, load, ratio, stencils)
     start = None if before is None else Equilibrium(deviations, *before, lattice=stencils.lattice)
     return equilibrate(deviations, load, stencils, start)
-
-
-def share_array(found: dict[int, Equilibrium], workers: int) -> dict[int, Equilibrium]:
-    """Return the same equilibria with one shared array of deviations and one shared set of stencils.
-
-    Equilibria that come from another process have copies of their own.
-    """
-    one = next(iter(found.values()))
-    deviations, stencils = one.deviations, Stencils(one.stencils.shape, workers=workers, lattice=one.lattice)
-    return {place: one.share(deviations, stencils) for place, one in found.items()}

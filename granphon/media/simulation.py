@@ -35,7 +35,7 @@ from granphon.base.results import read_only
 from granphon.base.validation import choice, finite_array, lengths, require, whole, whole_number
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.tensors import bulk_and_shear, longitudinal_modulus, symmetrise, waves_of_tensor
-from granphon.media.equilibria import find_equilibria, find_equilibrium, prescribe, require_load, share_array
+from granphon.media.equilibria import find_equilibria, find_equilibrium, prescribe, require_load
 from granphon.media.friction_history import HISTORY_OPTIONS, FrictionHistory, LoadedSample, require_above
 from granphon.media.left_out import (
     EXACT,
@@ -315,11 +315,8 @@ class SimulatedState(ContactState):
     @property
     def is_isotropic(self) -> bool:
         """Whether samples are isotropic on average: in the plane if the lattice has that symmetry, in space never."""
-        return self.packing.structure.periods == 1 or self._is_isotropic_plane
-
-    @property
-    def _is_isotropic_plane(self) -> bool:
-        return self.packing.structure.periods == 2 and super().is_isotropic
+        periods = self.packing.structure.periods
+        return periods == 1 or (periods == 2 and super().is_isotropic)
 
     @property
     def sampled_tensors(self) -> Array | None:
@@ -338,7 +335,7 @@ class SimulatedState(ContactState):
         """Return velocities and displacements of waves from elastic tensors (..., n, n) of samples, or of their mean."""
         structure = self.packing.structure
         along = as_direction(direction, structure.periods)
-        if not self._is_isotropic_plane:
+        if structure.periods != 2 or not self.is_isotropic:
             tensor = symmetrise(tensor, structure) / np.asarray(density)[..., None, None]
             return waves_of_tensor(tensor, along)
         bulk, shear = np.moveaxis(bulk_and_shear(tensor), -1, 0)
@@ -792,7 +789,13 @@ class DirectSimulation(Medium[SimulatedState]):
             found = [find_equilibria(own, *given) for own in every]
         else:
             jobs = [self.executor.submit(find_equilibria, own, *given) for own in every]
-            found = [share_array(job.result(), self.workers) for job in jobs]
+            # equilibria that come from another process have copies of their own of the deviations and stencils: here they
+            # share one
+            found = [job.result() for job in jobs]
+            for place, result in enumerate(found):
+                first = next(iter(result.values()))
+                shared = first.deviations, Stencils(first.stencils.shape, workers=self.workers, lattice=first.lattice)
+                found[place] = {number: one.share(*shared) for number, one in result.items()}
         samples = [
             Sample(self.packing, self.seed_of(index), equilibria[place])
             for place in range(load.size)

@@ -168,11 +168,8 @@ def describe_page(
             words = f"{find_medium(serving.name).words} ({serving.label})"
             notes.append(f"At the first load the medium {choice.label} takes the {words}; the page keeps it at all loads.")
         chosen.append(serving)
-    for value in (
-        load.applied.flat.array
-        if load.size <= 2
-        else load.applied.flat.array[[0, np.argmin(load.array), np.argmax(load.array)]]
-    ):
+    few: Any = slice(None) if load.size <= 2 else [0, np.argmin(load.array), np.argmax(load.array)]
+    for value in load.applied.flat.array[few]:
         state: Any = chosen[0].of(packing).at(Load(load.applied.kind, float(value)))
         forces.append(float(state.force))
     if packing.spread is None and [one.name for one in chosen] == ["ala"] and structure.periods > 1:

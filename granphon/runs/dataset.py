@@ -31,7 +31,7 @@ from granphon.base.progress import Progress, silent
 from granphon.base.quantities import LIGHT_VELOCITY, LOAD_KINDS, find_load_unit, is_si
 from granphon.base.results import restore
 from granphon.base.tables import Heading, write_table
-from granphon.base.text import closest, damage_error, digest, read_bytes, require_schema, show, versions, warn_unverified
+from granphon.base.text import damage_error, digest, read_bytes, require_schema, show, suggest, versions, warn_unverified
 from granphon.base.validation import find_unit_of
 from granphon.dynamics.long_waves import voigt_names
 from granphon.media.arrangement import Balls
@@ -663,8 +663,7 @@ class SweepAccessor:
         data = self._dataset
         for one in (name, over or name):
             if one not in data.variables:
-                meant = closest(one, map(str, data.variables))
-                raise InputError(f"the data set has no {one!r}", mend=f"Did you mean {meant!r}?" if meant else "")
+                raise InputError(f"the data set has no {one!r}", mend=suggest(one, list(map(str, data.variables))))
         values = data[name]
         loads = data[over or find_load(data)]
         if "load" not in values.dims or data.sizes["load"] < 3:

@@ -146,6 +146,10 @@ class Case:
         """Medium and swept parameters in words, as messages of sweeps name them."""
         return ", ".join(filter(None, (self.medium.label, self.where)))
 
+    def name(self, serving: ServingMedium) -> str:
+        """Return the label of one of the media that serve the loads, with its own where it was chosen automatically."""
+        return f"{self.label}: {serving.medium.label}" if serving.chosen_automatically else self.label
+
     @cached_property
     def serving_media(self) -> list[ServingMedium]:
         """The media that serve the loads, each with its loads: the medium itself, or those that an automatic medium chooses.
@@ -166,14 +170,7 @@ class Case:
         # lattices have no waves of their own here, but for those of networks, and their exponents cost nothing
         networks = () if self.asked.waves is None else self.asked.waves.of_networks
         ideal = replace(self.asked, waves=WaveSettings(of_networks=networks) if networks else None, exponents=True)
-        return [
-            MediumTask(
-                f"{self.label}: {serving.medium.label}" if serving.chosen_automatically else self.label,
-                serving,
-                self.asked if serving.arrays else ideal,
-            )
-            for serving in serving_media
-        ]
+        return [MediumTask(self.name(one), one, self.asked if one.arrays else ideal) for one in serving_media]
 
     @cached_property
     def tasks(self) -> list[MediumTask]:

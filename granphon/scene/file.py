@@ -304,12 +304,8 @@ def scene_rule(place: str, at: Context) -> Any:
 
 def write_preset(name: str) -> str:
     """Return the text of a scene of the package, in which the words of each key stand where it comes first."""
-    text, out, block, told = (
-        (files("granphon") / "data" / f"{name}.yaml").read_text(encoding="utf-8"),
-        list[str](),
-        "",
-        set[str](),
-    )
+    text = (files("granphon") / "data" / f"{name}.yaml").read_text(encoding="utf-8")
+    out, block, told = list[str](), "", set[str]()
     for line in text.splitlines():
         if not line and not block:
             out += ["#", '# A quantity is a number and its unit, as in "8 mm". What is commented out shows other choices.']
@@ -459,13 +455,10 @@ def _find_lattice(data: Any) -> Lattice:
 #: ordinary values of what the scales of a ball are made of, Pa, kg/m^3 and m
 _ORDINARY = {"young_modulus": 1e10, "density": 1e3, "diameter": 1e-2}
 #: the blocks of a scene file about waves, with their classes
-_WAVES = {
-    "bands": BandsSettings,
-    "surface": SurfaceSettings,
-    "spectrum": SpectrumSettings,
-    "pulse": PulseSettings,
+_WAVES: dict[str, Any] = {
+    "bands": BandsSettings, "surface": SurfaceSettings, "spectrum": SpectrumSettings, "pulse": PulseSettings,
     **NETWORK_BLOCKS,
-}
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

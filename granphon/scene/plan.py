@@ -102,8 +102,7 @@ class PlannedCase:
         Quantities of a state have the shape (n,) for the n loads that the medium serves, or () if the case has one load.
         """
         for serving in filter(wanted, self.serving_media):
-            label = f"{self.case.label}: {serving.medium.label}" if serving.chosen_automatically else self.case.label
-            yield label, self.state if self.case.load.size == 1 else self._solve(serving, serving.load)
+            yield self.case.name(serving), self.state if self.case.load.size == 1 else self._solve(serving, serving.load)
 
     @cached_property
     def is_possible(self) -> bool:
@@ -217,18 +216,19 @@ class Plan:
         """Whether the diameters of the balls differ, or differ in a sweep over "width" or "spread"."""
         return self.packing.width > 0.0 or not {"width", "spread"}.isdisjoint(dict(self.parameters))
 
+    def _asked(self, block: str) -> Any:
+        """The settings of a block, if the scene observes what they are about; else None."""
+        return getattr(self, block) if block in self.observe else None
+
     @cached_property
     def waves(self) -> WaveSettings | None:
         """What is observed of the waves in arrays, where media simulate them, and of networks; None for nothing."""
-        blocks = (getattr(self, name) for name in NETWORK_BLOCKS if name in self.observe)
-        networks = tuple(one for one in blocks if one is not None)
+        networks = tuple(one for one in map(self._asked, NETWORK_BLOCKS) if one is not None)
         if not networks and not set(WAVES) & set(self.observe):
             return None
-        spectrum = self.spectrum if "spectrum" in self.observe else None
-        path = self.path if spectrum is not None else None
-        way = (path.paths, path.names) if path is not None else ((), ())
-        pulse = self.pulse if "pulse" in self.observe else None
-        along = self.direction if pulse is not None else None
+        spectrum, pulse = self._asked("spectrum"), self._asked("pulse")
+        way = ((), ()) if spectrum is None else (self.path.paths, self.path.names)
+        along = None if pulse is None else self.direction
         return WaveSettings("dos" in self.observe, spectrum, *way, pulse, along, networks)
 
     @property
@@ -255,7 +255,7 @@ class Plan:
         from granphon.figures.words import describe_medium  # imported here: a run does not need it
 
         load, structure, seen = self.load, self.packing.structure, set(self.observe)
-        spectrum, pulse = self.spectrum, self.pulse
+        spectrum, pulse, surface, of = map(self._asked, ("spectrum", "pulse", "surface", "response"))
         media = [describe_medium(one.label, structure.periods, structure.n_balls) for one in self.media]
         rows: list[tuple[str, Any, str]] = [
             *self.packing.describe(),
@@ -270,18 +270,17 @@ class Plan:
         if seen & {"bands", "spectrum"}:
             rows.append(("path", " ".join(self.path.labels) if self.path.labels else str(self.path), ""))
         rows += [("points of a segment", self.band_points, "")] * ("bands" in seen)
-        if "spectrum" in seen:
+        if spectrum is not None:
             rows += [("polarisation", spectrum.polarisation, ""), ("points of a leg", spectrum.points, "")]
-        if "pulse" in seen and pulse is not None:
+        if pulse is not None:
             told = (("frequency", "Hz"), ("cycles", ""), ("polarisation", ""))
             rows += [(f"{name} of the pulse", getattr(pulse, name), unit) for name, unit in told]
-        if self.surface is not None and "surface" in seen:
-            axis = self.surface.axis if isinstance(self.surface.axis, int) else " ".join(map(str, self.surface.axis))
-            rows.append(("surface", f"axis {axis}, {self.surface.edge}", ""))
-        if self.response is not None and "response" in seen:
-            of, places = self.response, (("source", self.response.source), ("receiver", self.response.receiver))
+        if surface is not None:
+            axis = surface.axis if isinstance(surface.axis, int) else " ".join(map(str, surface.axis))
+            rows.append(("surface", f"axis {axis}, {surface.edge}", ""))
+        if of is not None:
             rows += [("response", of.quantity, ""), ("frequencies of the response", of.frequencies, "Hz")]
-            rows += [(name, ", ".join(texts), "") for name, texts in places]
+            rows += [(name, ", ".join(getattr(of, name)), "") for name in ("source", "receiver")]
             rows += [("damping of contacts", of.damping, "s"), ("loss factor of contacts", of.loss_factor, "")]
         rows += [("mesh", " x ".join(map(str, self.mesh)), "")] * ("dos" in seen)
         return [row for row in rows if row[1] is not None]
@@ -343,8 +342,7 @@ class Plan:
         path = (self.path.arrays, self.band_points, self.path.labels) if "bands" in self.observe else None
         asked = Asked(
             self.finite_overlap, path=path, direction=self.direction, waves=self.waves, exponents=sound,
-            surface=self.surface if "surface" in self.observe else None,
-            bands=self.bands if "bands" in self.observe else None,
+            surface=self._asked("surface"), bands=self._asked("bands"),
             sound=sound or not {"bands", "dos", "surface", *NETWORK_BLOCKS} & set(self.observe), alone=self.is_single,
             observed=tuple(name for name in self.observe if name not in rules.OBSERVABLES),
         )  # fmt: skip
@@ -576,8 +574,8 @@ class Plan:
             total = add_up(each, lambda cost: cost.known)
         smaller = "Take fewer balls (medium.simulation.shape), fewer wave vectors or a coarser resolution (spectrum)"
         waves = (("medium",), smaller, replace(total, parts=total.parts[:1]))
-        if self.motion is not None and "motion" in self.observe:
-            moved = [_estimate_motion(one, self.motion) for case in self.few for one in case.serving_media]
+        if (motion := self._asked("motion")) is not None:
+            moved = [_estimate_motion(one, motion) for case in self.few for one in case.serving_media]
             total = add_up([cost for cost in moved if cost is not None], lambda cost: cost.known)
             mend = "Take fewer balls (motion.repeat, motion.cut), a shorter motion.duration or fewer motion.frames"
             out.append((("motion",), mend, replace(total, parts=total.parts[:1])))
@@ -655,9 +653,9 @@ class Plan:
         ):  # fmt: skip
             if name in self.observe and fails:
                 raise Refused(f"{name!r} {found}", allowed, mend, ("observe",))
-        if self.surface is not None and "surface" in self.observe:
-            with rules.refusing(self.surface.axis, "an axis across which the balls repeat", "surface", "axis"):
-                Layers.across(self.surface.axis, structure.vectors)
+        if (surface := self._asked("surface")) is not None:
+            with rules.refusing(surface.axis, "an axis across which the balls repeat", "surface", "axis"):
+                Layers.across(surface.axis, structure.vectors)
         if "pulse" in names and len(self.directions) > 1:
             raise Refused("several directions with a pulse", "one direction", path=("direction",))
         if self.band is not None:

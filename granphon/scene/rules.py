@@ -497,9 +497,6 @@ def _law_numbers(name: str) -> dict[str, Kind]:
     return {key: kind(given) for key, given in LAWS[name].numbers.items()}
 
 
-# -- kinds of balls ---------------------------------------------------------------------------------------------------
-
-
 def _read_balls(value: Any, at: Context) -> tuple[tuple[str, Ball], ...]:
     """Read kinds of balls: a block of names, each with a material, a diameter, and a mass and inertia if these differ."""
     if not isinstance(value, dict) or not value:
@@ -535,9 +532,6 @@ def _write_balls(kinds: Any, at: Context) -> dict[str, Any]:
 
 
 BALLS = Kind(_read_balls, _write_balls)
-
-
-# -- how they are arranged --------------------------------------------------------------------------------------------
 
 
 def _read_structure(value: Any) -> Any:
@@ -650,9 +644,6 @@ REMOVE = Kind.plain(_read_removed, lambda one: list(one) or None)
 SEED = Kind.plain(partial(whole, low=0))
 LAW = Kind.plain(_read_law, _write_law)
 MOTIONS = Kind.plain(partial(choice, options=tuple(dict.fromkeys(one for d in (1, 2, 3) for one in allowed_motions(d)))))
-
-
-# -- loads ------------------------------------------------------------------------------------------------------------
 
 
 def tensor_kind(name: str) -> Kind:

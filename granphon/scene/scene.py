@@ -274,7 +274,7 @@ def list_files(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
     seen, drawn = scene.observe, list[str]()
     names = ["scene.yaml", "summary.yaml", *[DIAMETERS_FILE] * (scene.diameters is not None), "sweep.nc", "sweep.csv"]
     names += [f"{name}.csv" for name in NETWORK_BLOCKS if name in seen]
-    names += ["damped_bands.csv"] * ("bands" in seen and scene.bands is not None)
+    names += ["damped_bands.csv"] * (scene._asked("bands") is not None)
     drawn += [f"{name}.png" for name in NETWORK_BLOCKS if name in seen]
     if not scene.is_single:
         names += ["sweep_dos.csv"] * ("dos" in seen) + ["sweep_spectra.csv"] * ("spectrum" in seen)
@@ -488,11 +488,11 @@ def _describe_alone(
 
         waves = SampleWaves.of(scene.waves, state, [one.of_waves for one in records])
     result = RunResult(scene, target, dataset, analysis, waves=waves)
-    if scene.surface is not None and "surface" in scene.observe:
+    if (edge := scene._asked("surface")) is not None:
         from granphon.phonons.surfaces import Surface
 
         with progress.step("surface"):
-            surface = Surface(state, scene.surface.axis, scene.surface.edge).map(scene.surface.points)
+            surface = Surface(state, edge.axis, edge.edge).map(edge.points)
         result = replace(result, surface=surface)
     if not {"bands", "dos", "gaps"} & set(scene.observe):
         return result

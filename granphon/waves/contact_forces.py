@@ -55,22 +55,20 @@ class Powers:
         return type(self)(self.exponent, *(np.concatenate(each) for each in parts))
 
     def press(self, e: Array, at: slice = slice(None), out: Any = None) -> tuple[Array, Array]:
-        """Return f - f_0, without a difference of near-equal forces, and the stiffness, of the contacts ``at``.
-
-        They may be written to ``out``.
-        """
+        """Return f - f_0, without a difference of near-equal forces, and the stiffness, of contacts ``at``; in ``out``."""
+        change, k = (np.empty_like(e), np.empty_like(e)) if out is None else out
         a, c, rest = self.exponent, self.coefficient[at], self.overlap[at]
         if a == hertz.EXPONENT:
-            change, k = hertz.release(rest, self.root[at], e, (np.empty_like(e), np.empty_like(e)) if out is None else out)
+            hertz.release(rest, self.root[at], e, (change, k))
             change *= self._fall[at]
             k *= self._rise[at]
             return change, k
         h = np.maximum(rest - e, 0.0)
         part = np.divide(-e, rest, out=np.zeros_like(e), where=rest > 0.0)
         with np.errstate(divide="ignore"):
-            change = self.rest[at] * np.expm1(a * np.log1p(np.maximum(part, -1.0)))
-        found = np.where(rest > 0.0, change, c * h**a), np.where(h > 0.0, a * c * h ** (a - 1.0), 0.0)
-        return found if out is None else _write(found, out)
+            part = self.rest[at] * np.expm1(a * np.log1p(np.maximum(part, -1.0)))
+            change[:], k[:] = np.where(rest > 0.0, part, c * h**a), np.where(h > 0.0, a * c * h ** (a - 1.0), 0.0)
+        return change, k
 
     def mean(self, e: Array, other: Array) -> Array:
         """Return the mean of f - f_0 on the straight way from one elongation to another."""
@@ -111,9 +109,10 @@ class PairLaws:
 
     def press(self, e: Array, at: slice = slice(None), out: Any = None) -> tuple[Array, Array]:
         """As for :class:`Powers`, of all contacts."""
+        change, k = (np.empty_like(e), np.empty_like(e)) if out is None else out
         h = self.overlap - e
-        found = self._find("force", h) - self.rest, np.maximum(self._find("stiffness", h), 0.0)
-        return found if out is None else _write(found, out)
+        change[:], k[:] = self._find("force", h) - self.rest, np.maximum(self._find("stiffness", h), 0.0)
+        return change, k
 
     def mean(self, e: Array, other: Array) -> Array:
         """As for :class:`Powers`."""
@@ -134,12 +133,6 @@ def _mean_of(law: Powers | PairLaws, e: Array, other: Array) -> Array:
     far = np.abs(way) > _CLOSE * np.abs(law.overlap - e)
     both = 0.5 * (law.press(e)[0] + law.press(other)[0])
     return np.divide(law.store(e) - law.store(other), way, out=both, where=far)
-
-
-def _write(found: tuple[Array, Array], out: tuple[Array, Array]) -> tuple[Array, Array]:
-    for one, values in zip(out, found, strict=True):
-        one[:] = values
-    return out
 
 
 class Touch(NamedTuple):

@@ -97,18 +97,14 @@ class FixedDirections(_Directions):
         each = np.concatenate([stiffness[None], self.ratio * stiffness]).ravel()
         return float(np.sqrt(np.max(self._reach @ (each * (self._reach.T @ np.ones(len(self.load)))))))
 
-    def at(self, x: Array, ways: Array, out: Any = None) -> Array:
-        """Return the deformations (count, n_c)."""
-        return self._move(x, ways)
-
     def rate(self, at: Array, v: Array, ways: Array) -> Array:
         """Return the rates of all deformations (count, n_c), at velocities ``v`` and speeds of the drives."""
         return self._move(v, ways)
 
-    def step(self, before: Array, x: Array, ways: Array, out: Any = None) -> tuple[Array, Array]:
-        """Return the deformations, and slips, twists and rolls since those before."""
+    def step(self, before: Array | None, x: Array, ways: Array, out: Any = None) -> tuple[Array, Array]:
+        """Return the deformations (count, n_c), and slips, twists and rolls since those before."""
         after = self._move(x, ways)
-        return after, np.asarray(after[1:] - before[1:])
+        return after, after[1:] if before is None else np.asarray(after[1:] - before[1:])
 
     def elongation(self, at: Array) -> Array:
         """Return e of a moment."""
@@ -210,7 +206,7 @@ class TrueDirections(_Directions):
         self._blocks = [(at, walls[(walls >= at.start) & (walls < at.stop)], *work) for at, *work in divide(n, 3)]
         self._way, self._acting = np.zeros((self.count - 1, n)), np.zeros((len(kinds), n))
         self._back = self._forward.T.tocsr()
-        at = self.at(np.zeros(operator.size), np.zeros(len(moved)))
+        at, _ = self.step(None, np.zeros(operator.size), np.zeros(len(moved)))
         self._still = self._act(at, np.concatenate([np.zeros((1, n)), self.held]), None).copy()
         self.load = -(self._back @ self._still)
 
@@ -222,19 +218,14 @@ class TrueDirections(_Directions):
         """Return the parts that rotations of balls i and j have in those of contacts, for each axis in turn."""
         return [(near, other), (-1.0, 1.0), (1.0, 1.0)]
 
-    def at(self, x: Array, ways: Array, out: Moment | None = None) -> Moment:
-        """Return the balls at a moment; one that is not needed any more may be overwritten."""
-        found = self._begin(x, ways, out)
-        for block in self._blocks:
-            self._place(found, *block)
-        return found
-
-    def step(self, before: Moment, x: Array, ways: Array, out: Moment | None = None) -> tuple[Moment, Array]:
-        """Return the balls at a moment, as for :meth:`at`, and slips, twists and rolls since the one before."""
-        after = self._begin(x, ways, out)
+    def step(self, before: Moment | None, x: Array, ways: Array, out: Moment | None = None) -> tuple[Moment, Array]:
+        """Return the balls at a moment, and slips, twists and rolls since the one before; ``out`` is written over."""
+        moved, n = self._move(x, ways), len(self._length)
+        after = Moment(moved, *((np.empty_like(self._r), np.empty(n), np.empty(n)) if out is None else out[1:]))
         for block in self._blocks:
             self._place(after, *block)
-            self._slip(before, after, *block)
+            if before is not None:
+                self._slip(before, after, *block)
         return after, self._way
 
     def _slip(self, before: Moment, after: Moment, at: slice, *room: Array) -> None:
@@ -242,10 +233,6 @@ class TrueDirections(_Directions):
         r = 0.5 * (before.r[:, at] + after.r[:, at])
         length = np.sqrt(np.sum(r * r, axis=0))
         self._way[:, at] = self._deform(r / length, length, after.moved[:, at] - before.moved[:, at])
-
-    def _begin(self, x: Array, ways: Array, out: Moment | None) -> Moment:
-        moved, n = self._move(x, ways), len(self._length)
-        return Moment(moved, *((np.empty_like(self._r), np.empty(n), np.empty(n)) if out is None else out[1:]))
 
     def _place(self, found: Moment, at: slice, walls: Index, work: Array, *_: Array) -> None:
         """Set vectors, lengths and elongations of contacts at a moment."""

@@ -268,7 +268,7 @@ class NonlinearWaves:
                     stopped = _CTRL_C
                 except _Stop as stop:
                     stopped = str(stop)
-            if stopped == _TOO_LONG and step is None and wanted > least:
+            if stopped in (_TOO_LONG, _UNSOLVED) and step is None and wanted > least:
                 wanted *= 0.5
                 continue
             if (sentence := check_limit("contact_radius", system.widest).warning) is not None:
@@ -299,6 +299,7 @@ class _Stop(Exception):
 _NOTHING = np.zeros(0)
 _CTRL_C = "Ctrl-C"
 _TOO_LONG = "the step is too long for contacts that have become stiffer"
+_UNSOLVED = "an implicit step has no solution, as where contacts that adhere break: scheme: verlet makes it"
 
 
 def _root_radius(radii: Array, i: Index, j: Index) -> Array:
@@ -410,7 +411,7 @@ class _System:
     def choose_step(self, x: Array, energy: float) -> float:
         """Return a step for the contacts at the start, and for those that a ball of this kinetic energy, J, would press."""
         normal = self.waves.normal
-        e = self.fixed.at(x, np.zeros(len(self.moved)))[0]
+        e = self.fixed.step(None, x, np.zeros(len(self.moved)))[0][0]
         size = float(np.mean(self.network.radii[self.network.moving]))
         # the first of these depths that takes the energy, by bisection
         depths = 1e-12 * size * 1.25 ** np.arange(201.0)
@@ -473,7 +474,7 @@ class _System:
         self.ways, self.lifts = self._follow(0.0)
         if np.any(self.ways):
             raise InputError("a displacement does not begin at zero", mend="Give a function that is zero at zero")
-        still = where.at(np.zeros_like(x), np.zeros_like(self.ways))
+        still, _ = where.step(None, np.zeros_like(x), np.zeros_like(self.ways))
         self.at, way = where.step(still, x, self.ways)
         self.touch = forces.begin(where.elongation(self.at), way, where.held)
         nothing = np.zeros(self.network.n_contacts)
@@ -540,7 +541,7 @@ class _System:
                 break
             guess = found
         else:
-            raise _Stop(_TOO_LONG)
+            raise _Stop(_UNSOLVED)
         where.turn_on(touch.pull, old_at, at)
         self.last, self.acceleration, self.at, self.touch = self.acceleration, guess, at, touch
         self.x += moved
@@ -601,7 +602,7 @@ class _System:
             places = self.network.positions + self._displace()
             if self._travelled < math.inf:
                 self._travelled = math.sqrt(np.max(np.sum((places - self._listed) ** 2, axis=1)))
-            if self._travelled > 0.4 * self._skin:
+            if self._travelled > 0.45 * self._skin:
                 self._listed, self._travelled = places, 0.0
                 self._list(places)
 
@@ -630,7 +631,7 @@ class _System:
         before = np.array([self._keys.get(key, -1) for key in keys], np.intp)
         self._keys = {key: n + place for place, key in enumerate(keys)}
         self._join(table[:, 0], table[:, 1], table[:, 2:])
-        self.at = self.where.at(self.x, self.ways)
+        self.at, _ = self.where.step(None, self.x, self.ways)
         change, k = self.forces.normal.press(self.at.e)
         pull = np.zeros((self.where.count, len(self.at.e)))
         old = np.flatnonzero(before >= 0)

@@ -31,7 +31,7 @@ def test_forces_are_those_of_the_simulation(shape, spacing):
 @pytest.mark.claim("moduli-linear-response")
 @every_eta
 @every_shape
-@pytest.mark.parametrize("spacing", [1.0, 0.7, 0.5])
+@pytest.mark.parametrize("spacing", [1.0, 0.5])
 def test_tensor_is_that_of_the_simulation(shape, spacing, eta):
     array = SparseArray(balls(shape, 1))
     expected = at_rest(shape, 1, spacing).find_elasticity(eta)

@@ -318,7 +318,7 @@ def test_medium_average_by_adaptive_quadrature():
 
 
 @pytest.mark.claim("places-of-a-lot")
-@pytest.mark.parametrize("kind", ["uniform", "normal"])
+@pytest.mark.parametrize("kind", only(["normal"], ["uniform", "normal"]))
 def test_a_large_lot_is_condensed_far_below_its_sampling_noise(kind):
     rng = np.random.default_rng(2)
     off = rng.uniform(-1.0, 1.0, 3000) if kind == "uniform" else rng.normal(size=3000)

@@ -97,6 +97,11 @@ def test_a_width_whose_units_are_above_the_floating_range():
             getattr(units, name)
 
 
+@pytest.fixture(scope="module")
+def registry():
+    return pint.UnitRegistry(non_int_type=Decimal)
+
+
 @pytest.mark.parametrize(
     ("kind", "units"),
     [
@@ -111,8 +116,7 @@ def test_a_width_whose_units_are_above_the_floating_range():
         (ADHESION, "J/m^2 mJ/m^2 N/m dyn/cm kg/s^2"),
     ],
 )  # fmt: skip
-def test_units_are_those_of_pint(kind, units):
-    registry = pint.UnitRegistry(non_int_type=Decimal)
+def test_units_are_those_of_pint(registry, kind, units):
     for unit in units.split():
         written = unit.replace("·", "*").replace("²", "^2").replace("³", "^3").replace("cm3", "cm^3")
         factor = registry.Quantity(Decimal(1), written).to(kind.unit).magnitude

@@ -63,16 +63,18 @@ def recorded(path: Path, numbers: Mapping[str, Any]) -> None:
     path.write_text(json.dumps(before | dict(numbers), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
-def alternate(repeats: int, **calls: Callable[[], object]) -> dict[str, float]:
-    """Median seconds of each call, taken in turns so that a busy machine slows all of them."""
+def alternate(
+    repeats: int, clock: Callable[[], float] = time.perf_counter, **calls: Callable[[], object]
+) -> dict[str, float]:
+    """Median seconds of each call, taken in turns so that a busy machine slows all of them; by a ``clock``."""
     times: dict[str, list[float]] = {name: [] for name in calls}
     for call in calls.values():
         call()
     for _ in range(repeats):
         for name, call in calls.items():
-            start = time.perf_counter()
+            start = clock()
             call()
-            times[name].append(time.perf_counter() - start)
+            times[name].append(clock() - start)
     return {name: statistics.median(values) for name, values in times.items()}
 
 

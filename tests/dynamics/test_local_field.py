@@ -102,7 +102,7 @@ def by_green_function(eta: float, size: int, bending: float = 0.0, turning: bool
     return from_displacements(along(corona), along(2.0 * corona), along(corona + np.roll(corona, -1, axis=0)))
 
 
-@pytest.mark.parametrize("eta", ETAS)
+@pytest.mark.parametrize("eta", [0.0, 4.0 / 3.0])
 def test_green_function_on_a_mesh_has_its_order_and_extrapolates(eta):
     exact = triple(local_field("triangular", eta))
     sizes = [24, 32, 48, 64, 96, 128]
@@ -155,7 +155,7 @@ def triangular_cluster(eta: float, size: int) -> np.ndarray:
 
 
 @pytest.mark.claim("local-field-values")
-@pytest.mark.parametrize("eta", ETAS)
+@pytest.mark.parametrize("eta", [0.0, 0.84])
 def test_periodic_cluster_has_order_two_and_extrapolates(eta):
     exact = triple(local_field("triangular", eta))
     sizes = [12, 16, 24, 32, 48, 64]

@@ -60,6 +60,18 @@ def test_maps_have_a_column_for_each_ball_or_contact_of_a_chain(chain, ax):
         plot_motion(chain, ax, show="spins")
 
 
+def test_maps_of_forces_take_the_contacts_between_layers_together(array, ax):
+    """Contacts within a layer and those up to the next make one column, and an oblique cell is folded."""
+    plot_motion(array, ax, show="forces", axis=1)
+    rows = np.round((array.middles[:, 1] - array.network.positions[0, 1]) / (8e-3 * np.sqrt(0.75)) - 0.24).clip(0, 3)
+    change = array.forces - array.forces[0]
+    wanted = np.array([change[:, rows == row].mean(axis=1) for row in range(4)]).T
+    assert_allclose(ax.collections[0].get_array(), wanted / (np.abs(wanted).max() / ax.collections[0].get_array().max()))
+    ax.clear()
+    plot_motion(array, ax, axis=0)
+    assert ax.collections[0].get_array().shape[1] == 10  # two for each of five balls
+
+
 def test_maps_of_an_array_are_means_over_layers(array, ax):
     plot_motion(array, ax)
     wanted = 1e3 * array.velocities[:, :-1, 1].reshape(41, 4, 5).mean(axis=2)  # the floor is no ball

@@ -203,8 +203,11 @@ def solved(shape, stages=16, order=32, tolerance=1e-12, most=np.inf):
     return effective.solve_curve(shape, XI[0.0], stages, tolerance, most, order)
 
 
-@pytest.mark.parametrize("shape", [UNIFORM, NORMAL, LOTS["0.5 large"]], ids=["uniform", "normal", "two kinds"])
-@pytest.mark.parametrize(("stages", "length"), [(2, 0.05), (3, 0.05), (4, 0.1)])
+@pytest.mark.parametrize(
+    ("shape", "stages", "length"),
+    [(UNIFORM, 2, 0.05), (NORMAL, 3, 0.05), (LOTS["0.5 large"], 4, 0.1)],
+    ids=["uniform", "normal", "two kinds"],
+)
 def test_order_at_the_ends_of_steps_is_2s_minus_1(shape, stages, length):
     # at an opening, the end of a step: lengths are halved, and no other tolerance acts. The equation is stiff at high
     # pressure only, where the solution is so smooth that no order is lost

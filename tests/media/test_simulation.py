@@ -435,8 +435,7 @@ def test_friction_does_not_touch_statics(spread, medium, states):
 
 
 @pytest.mark.claim("exponent-two-loads", "exponent-in-files", "api-exponent")
-@pytest.mark.parametrize("friction", [True, False])
-@pytest.mark.parametrize("reduced", [1.0, 0.03])
+@pytest.mark.parametrize(("reduced", "friction"), [(1.0, True), (0.03, False)])
 def test_the_exponent_of_a_sample_is_the_difference_of_log_v_over_log_p(spread, reduced, friction):
     packing = dataclasses.replace(spread, friction=friction)
     medium, force = simulate(packing, (9, 8), seed=3), reduced * unit_of_force(spread)

@@ -62,7 +62,7 @@ def exact_pulse(twin, state, frequency, direction, name, finite_overlap=False):
 @pytest.mark.claim("api-waves")
 @pytest.mark.parametrize("friction", [True, False])
 @pytest.mark.parametrize("direction", DIRECTIONS)
-@pytest.mark.parametrize("frequency", [65.0, 6500.0, 15000.0])
+@pytest.mark.parametrize("frequency", [65.0, 15000.0])
 def test_pulses_solve_the_dispersion_relation(twin, steel, friction, direction, frequency):
     state = gp.AveragedLattice(gp.Packing(steel, 8e-3, friction=friction)).at_force(18.446)
     pulse = gp.pulse_velocities(state, frequency, direction)

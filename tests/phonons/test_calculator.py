@@ -21,9 +21,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import granphon as gp
-import granphon.phonons.contacts
+import granphon.phonons.calculator
 from granphon.base.errors import InputError, PrecisionError
-from granphon.phonons.contacts import PairList
+from granphon.phonons.calculator import PairList
 from tests.phonons.conftest import DIAMETER, ETA, SPACE, STEEL
 
 GYRATION = 1.0 / np.sqrt(10.0)

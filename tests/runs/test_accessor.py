@@ -46,7 +46,7 @@ def test_it_draws_fits_and_knows_its_packing(swept, tmp_path):
 
 def test_what_has_no_exponent(swept):
     for call, told in (
-        (lambda: swept.granphon.exponent("longitudnal"), "no 'longitudnal'. Did you mean 'longitudinal'"),
+        (lambda: swept.granphon.exponent("longitudnal"), "no 'longitudnal'. Did you mean longitudinal"),
         (lambda: swept.isel(load=[0, 1]).granphon.exponent(), "three loads"),
         (lambda: swept.isel(load=slice(None, None, -1)).granphon.exponent(), "Loads must ascend"),
         (lambda: swept.isel(load=0).granphon.plot(), "no dimension 'load'"),

@@ -468,7 +468,7 @@ def test_mistakes_in_python(steel):
 # -- running --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("preset", ["chain", "membrane", "fcc", "hcp"])
+@pytest.mark.parametrize("preset", ["chain", "membrane", "fcc", pytest.param("hcp", marks=pytest.mark.exhaustive)])
 def test_presets_of_each_dimension_run(tmp_path, monkeypatch, capsys, preset):
     monkeypatch.chdir(tmp_path)
     assert preset in PRESETS

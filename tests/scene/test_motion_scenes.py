@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
+from granphon.scene.run import draw_sweep
 from numpy.testing import assert_allclose
 
 import granphon as gp
@@ -121,6 +124,7 @@ def test_a_single_state_has_its_balls_tables_and_a_figure(tmp_path):
     assert_allclose(np.sum(parts, axis=0), table["motion_supplied_J"], rtol=2e-3)
     assert result.summary()["energy_lost"] == parts[3][-1] > 0.0
     assert redraw(tmp_path, force=True).name == "motion.png"
+    assert 'id="balls"' in redraw(tmp_path, tmp_path / "other.svg").read_text()  # and not velocities
     assert len(gp.plot(result).axes) == 5
     again = gp.Scene.from_text(one.to_yaml())
     assert again == one
@@ -162,6 +166,16 @@ def test_a_sweep_has_the_numbers_of_single_runs(tmp_path):
         for name in ("front_velocity", "peak_velocity", "greatest_force", "energy_supplied", "motion_force"):
             np.testing.assert_array_equal(data[name].values[index], alone[name].values[0])
     assert redraw(tmp_path, tmp_path / "motion.pdf").exists()
+    assert draw_sweep(data, "sweep.png", seen=("motion",)).axes[0].get_ylabel() == "Peak velocity (m/s)"
+
+
+def test_what_diffuses_has_no_velocity(tmp_path):
+    """Dashpots that are far stronger than springs let the force diffuse, t ~ x^2: no front is read from that."""
+    one = chain("10 N", 20, "1 mm/s", "0.02 ms", 201)
+    text = re.sub(r"(\n  damping: ).*", r"\g<1>1 ms", one.to_yaml())
+    data = gp.Scene.from_text(text).run(tmp_path, figures=False).dataset
+    assert "front_velocity" not in data
+    assert "no straight line" in data.attrs["warnings"]
 
 
 def test_a_shaker_pushes_and_tables_give_the_work(tmp_path):

@@ -416,6 +416,14 @@ def test_a_start_that_cannot_be():
     for kind in ("force", "displacement"):
         with pytest.raises(InputError, match=r"the drive is along .*Balls move along x only"):
             waves.run(1e-5, drive=gp.Drive(0, (0, 1, 0), **{kind: lambda _: 0.0}))
+    with pytest.raises(InputError, match=r"velocities of ball 1 are \(1, 2, 0\)\. Balls move along x only"):
+        waves.run(1e-5, velocities=push(waves.network, 1.0, 1) + np.array([[0.0], [1.0], [0.0], [0.0]]) * [0.0, 2.0, 0.0])
+    with pytest.raises(InputError, match=r"spins of ball 0 .* Balls do not turn"):
+        waves.run(1e-5, spins=push(waves.network, 1.0))
+    with pytest.raises(InputError, match=r"the gravity is along .* Balls move along x only"):
+        gp.NonlinearWaves(waves.network, gravity=(0.0, 0.0, -9.81))
+    with pytest.raises(InputError, match="leaves the line or the plane"):
+        gp.Waves(waves.network).transmit(1e3, (1, 1, 0), 8e-3, polarisation=(1, 0, 0))
 
 
 def test_a_file_of_a_motion_whose_program_was_killed_can_be_read(tmp_path):

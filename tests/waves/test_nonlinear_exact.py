@@ -255,3 +255,16 @@ def test_a_motion_starts_from_the_history_of_friction():
         most[mu] = np.max(moved.shears[-1] / (0.2 * moved.forces[-1]))
     assert most[0.2] == pytest.approx(1.0, abs=1e-12)
     assert most[0.4] > 1.0 + 1e-7
+
+
+def test_a_history_in_the_directions_of_the_lattice_stays_at_rest():
+    """Loads hold the balls against tangential forces too: nothing moves, and the energies stay zero."""
+    packing = gp.Packing(STEEL, 8e-3, spread=gp.Uniform(4e-6))
+    array = gp.DirectSimulation(
+        packing, shape=(6, 6), seed=1, friction_coefficient=0.2, friction_history=True, geometry="lattice"
+    )
+    sample = array.at_force(2.0).samples[0]
+    assert np.any(sample.network.tangential_force)
+    rest = gp.NonlinearWaves(sample, friction_coefficient=0.2).run(1e-4, frames=5)
+    assert_allclose(rest.velocities, 0.0, atol=1e-12)
+    assert_allclose(rest.energy, 0.0, atol=1e-20)
