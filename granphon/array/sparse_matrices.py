@@ -24,8 +24,8 @@ STIFF = 1e-3
 _KEPT_PLACES = 2**12
 #: most motions of a matrix that is factorised, for balls on a line, in a plane, in space: the factors take 1 GB at most
 LARGEST_FACTORS = {1: 1_000_000, 2: 300_000, 3: 12_000}
-#: time of these factors, complex ones, s: c n^p of n motions
-_FACTORS_TIME = {1: (3.6e-7, 1.0), 2: (1.8e-7, 1.5), 3: (6e-8, 2.0)}
+#: time of these factors, complex ones, s for each of n motions: c n^p
+_FACTORS_TIME = {1: (3.6e-7, 0.0), 2: (1.8e-7, 0.5), 3: (6e-8, 1.0)}
 #: stiffness, over the mean, that holds balls which nothing else holds
 _LEAST_DIAGONAL = 1e-5
 #: added to the matrix, whose diagonal is scaled to one: without it rounding could make motions that cost nothing unstable
@@ -102,7 +102,7 @@ def factorise(matrix: Any, approximate: bool = False, pivot: float = 0.0, order:
 def estimate_factors(motions: int, dimension: int) -> float:
     """Return the time of the factors of a matrix, s; infinite if it is too large to be factorised."""
     factor, power = _FACTORS_TIME[dimension]
-    return factor * float(motions) ** power if motions <= LARGEST_FACTORS[dimension] else math.inf
+    return factor * motions * float(motions) ** power if motions <= LARGEST_FACTORS[dimension] else math.inf
 
 
 def factorise_contacts(i: Indices, j: Indices, head: Array, tail: Array, stiffness: Array) -> Callable[[Array], Array]:

@@ -77,8 +77,10 @@ _MOST, _FIRST = 100_000, 256
 _LONGEST, _AGAIN = 3600.0, 10.0
 #: least pace of a Krylov space, over the mean distance of modes in a network, which it comes to tell apart
 _MODE_PACE = 5.0
-#: time of a step with loss factors that differ, and of one with dashpots that differ, over that of Lanczos
-_LOSSY, _FIRST_ORDER = 2.5, 4.5
+#: time of a step with loss factors that differ, over that of Lanczos
+_LOSSY = 2.5
+#: time of a step with dashpots that differ, likewise
+_FIRST_ORDER = 4.5
 #: steps with dashpots that differ, over those of Lanczos: of the symmetric process, and of the incomplete one
 _SYMMETRIC, _INCOMPLETE = 2.0, 3.0
 #: greatest damping, over the top frequency, up to which the symmetric process of first order keeps its digits
