@@ -443,6 +443,12 @@ def motion(
     return Cost(memory, known=known, parts=(f"motion of {balls:,} balls in {steps:,.0f} steps",))
 
 
+def response(balls: int, contacts: int, frequencies: int, seconds: float) -> Cost:
+    """Estimate the cost of a response of so many ``balls`` and ``contacts``, which takes so many ``seconds``."""
+    what = f"response of {balls:,} balls at {frequencies:,} {'frequency' if frequencies == 1 else 'frequencies'}"
+    return Cost(_CONTACT_BYTES * contacts, known=seconds, parts=(what,))
+
+
 def cluster_media(count: int, balls: float) -> Cost:
     """Estimate the cost of ``count`` cluster media of so many ``balls`` on average, each solved once for all loads."""
     what = f"{count:,} cluster {'medium' if count == 1 else 'media'}"

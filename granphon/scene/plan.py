@@ -580,6 +580,12 @@ class Plan:
             mend = "Take fewer balls (motion.repeat, motion.cut), a shorter motion.duration or fewer motion.frames"
             out.append((("motion",), mend, replace(total, parts=total.parts[:1])))
 
+        if self.response is not None and "response" in self.observe:
+            heard = [_estimate_response(one, self.response) for case in self.few for one in case.serving_media]
+            total = add_up([cost for cost in heard if cost is not None], lambda cost: cost.known)
+            mend = "Take fewer balls (response.repeat, response.cut) or frequencies, or more damping"
+            out.append((("response",), mend, replace(total, parts=total.parts[:1])))
+
         branches = structure.n_balls * self.packing.ball_motions.count
         points = self.band_points * sum(len(path) - 1 for path in self.path.paths) if "bands" in seen else 0
         if not self.is_single:
@@ -685,6 +691,26 @@ def _estimate_waves(medium: DirectSimulation, load: Load, wanted: WaveSettings) 
             heard = steps * medium.balls / min(medium.cells)
             readings = READINGS * pulse.frequency * lasting * heard * medium.samples
         yield costs.array_waves(products, medium.balls, contacts, rows, heard, readings)
+
+
+def _estimate_response(serving: ServingMedium, wanted: ResponseSettings) -> Cost | None:
+    """Estimate memory and time of the responses of a medium at all its loads; None if no network is quickly found.
+
+    Raises :class:`~granphon.base.errors.ConvergenceError` for a response that would be refused.
+    """
+    from granphon.dynamics.damping import ContactDamping  # imported here: other scenes do not need it
+    from granphon.runs.wave_records import find_typical_state
+    from granphon.waves.operator import make_operator
+    from granphon.waves.response import ResponseWork
+
+    arrays = serving.arrays
+    if (arrays and arrays[0].balls > QUICK_BALLS) or (state := find_typical_state(serving)) is None:
+        return None
+    network = wanted.shape(state.network.repeat(arrays[0].cells) if arrays else state.network)
+    damping = ContactDamping.of(network, wanted.damping, wanted.loss_factor)
+    _, seconds = ResponseWork(make_operator(network), damping, 2.0 * math.pi * np.array(wanted.frequencies)).choose(None)
+    each = costs.response(network.n_balls, network.n_contacts, len(wanted.frequencies), seconds)
+    return each.times(serving.load.size * (arrays[0].samples if arrays else 1))
 
 
 def _estimate_motion(serving: ServingMedium, wanted: MotionSettings) -> Cost | None:

@@ -74,7 +74,7 @@ _DEGENERATE = 1e-4
 #: most products of a space; products that the vectors of the first ones are kept for
 _MOST, _FIRST = 100_000, 256
 #: longest time of a response without a method that is named, and of factors where a space has not enough digits, s
-_LONGEST, _AGAIN = 3600.0, 30.0
+_LONGEST, _AGAIN = 3600.0, 10.0
 #: least pace of a Krylov space, over the mean distance of modes in a network, which it comes to tell apart
 _MODE_PACE = 5.0
 #: time of a step with loss factors that differ, and of one with dashpots that differ, over that of Lanczos
@@ -372,22 +372,15 @@ class ResponseWork:
 
     Attributes
     ----------
-    operator, damping : D of the network, or of a part of it that has all kinds of its contacts; and the damping of these.
+    operator, damping : D of the network, and the damping of its contacts.
     omega : (n_f,) rad/s.
     tolerance : bound of the error with which a Krylov space is content.
-    motions : number of motions of the whole network; None for those of the operator.
     """
 
     operator: WaveOperator
     damping: ContactDamping
     omega: Array
     tolerance: float = TOLERANCE
-    motions: int | None = None
-
-    @property
-    def size(self) -> int:
-        """Number of motions."""
-        return self.operator.size if self.motions is None else self.motions
 
     @cached_property
     def even(self) -> tuple[float, float] | None:
@@ -428,12 +421,12 @@ class ResponseWork:
     def step(self) -> float:
         """Time of a step of the Krylov space, s."""
         times = _FIRST_ORDER if self.has_order_one else 1.0 if self.even is not None else _LOSSY
-        return times * self.size * float(self.operator.product_time[self.operator.network.dimension])
+        return times * self.operator.size * float(self.operator.product_time[self.operator.network.dimension])
 
     @cached_property
     def price(self) -> float:
         """Time of factors at a frequency, s; infinite if the network is too large."""
-        return estimate_factors(self.size, self.operator.network.dimension)
+        return estimate_factors(self.operator.size, self.operator.network.dimension)
 
     @cached_property
     def steps(self) -> Array:
@@ -443,7 +436,7 @@ class ResponseWork:
         exp(-2 Im arccos(w/(1 + i g)^1/2)), as the polynomials of Chebyshev do. In a network of few modes these are told
         apart sooner, but by the incomplete process.
         """
-        w, n, d = self.omega / self.operator.top, self.size, self.operator.network.dimension
+        w, n, d = self.omega / self.operator.top, self.operator.size, self.operator.network.dimension
         pace = 2.0 * np.abs(np.arccos(w / np.sqrt(1.0 + 1j * self.least)).imag)
         distance = np.maximum(w**2 * self.least / np.hypot(1.0, self.least), w**2 - 1.0)
         found, known = np.full(w.shape, np.inf), (distance > 0.0) & (pace > 0.0)
@@ -460,7 +453,7 @@ class ResponseWork:
         """
         count, fits = self.omega.size, math.isfinite(self.price)
         chosen = np.ones(count, bool)
-        if method == "direct" or self.unfit or (method is None and self.size <= _FEW):
+        if method == "direct" or self.unfit or (method is None and self.operator.size <= _FEW):
             if not fits:
                 raise self.explain("is not found by factors")
             seconds = self.price * count
@@ -484,7 +477,7 @@ class ResponseWork:
         from granphon.media.cost import write_duration
 
         count, lowest = self.omega.size, write_quantity(float(self.omega[0]) / (2.0 * math.pi), "Hz", 4)
-        what = f"the response of {self.size:,} motions from {lowest} on {fails}"
+        what = f"the response of {self.operator.size:,} motions from {lowest} on {fails}"
         ways = [f"a Krylov space takes about {write_duration(most * self.step)}"] * math.isfinite(most)
         if math.isfinite(self.price):
             takes = write_duration(self.price * count)

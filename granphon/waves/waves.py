@@ -225,7 +225,8 @@ class Waves:
         ------
         InputError : frequencies below zero, not real or not sorted; a ball that is not there or, but for a transmissibility,
             one of the source that is held; no receiver; a damping below zero; a mode without damping at a frequency.
-        ConvergenceError : a network too large to be factorised, and damped too little, or unevenly.
+        ConvergenceError : a network too large to be factorised, and damped too little, or unevenly; or what would take more
+            than an hour, unless a ``method`` is given.
         InstabilityError : a squared frequency is below zero.
         """
         return find_response(
