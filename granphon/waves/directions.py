@@ -101,14 +101,10 @@ class FixedDirections(_Directions):
         """Return the rates of all deformations (count, n_c), at velocities ``v`` and speeds of the drives."""
         return self._move(v, ways)
 
-    def step(self, before: Array | None, x: Array, ways: Array, out: Any = None) -> tuple[Array, Array]:
-        """Return the deformations (count, n_c), and slips, twists and rolls since those before."""
+    def step(self, before: Array | None, x: Array, ways: Array, out: Any = None) -> tuple[Array, Array, Array]:
+        """Return the deformations (count, n_c), elongations, and slips, twists and rolls since those before."""
         after = self._move(x, ways)
-        return after, after[1:] if before is None else np.asarray(after[1:] - before[1:])
-
-    def elongation(self, at: Array) -> Array:
-        """Return e of a moment."""
-        return np.asarray(at[0])
+        return after, after[0], after[1:] if before is None else np.asarray(after[1:] - before[1:])
 
     def push(self, at: Array, pull: Array, before: Array | None = None) -> Array:
         """Return the accelerations (size,) of a pull, without :attr:`load`; with ``before``, its mean over a step."""
@@ -206,7 +202,7 @@ class TrueDirections(_Directions):
         self._blocks = [(at, walls[(walls >= at.start) & (walls < at.stop)], *work) for at, *work in divide(n, 3)]
         self._way, self._acting = np.zeros((self.count - 1, n)), np.zeros((len(kinds), n))
         self._back = self._forward.T.tocsr()
-        at, _ = self.step(None, np.zeros(operator.size), np.zeros(len(moved)))
+        at, *_ = self.step(None, np.zeros(operator.size), np.zeros(len(moved)))
         self._still = self._act(at, np.concatenate([np.zeros((1, n)), self.held]), None).copy()
         self.load = -(self._back @ self._still)
 
@@ -218,15 +214,17 @@ class TrueDirections(_Directions):
         """Return the parts that rotations of balls i and j have in those of contacts, for each axis in turn."""
         return [(near, other), (-1.0, 1.0), (1.0, 1.0)]
 
-    def step(self, before: Moment | None, x: Array, ways: Array, out: Moment | None = None) -> tuple[Moment, Array]:
-        """Return the balls at a moment, and slips, twists and rolls since the one before; ``out`` is written over."""
+    def step(
+        self, before: Moment | None, x: Array, ways: Array, out: Moment | None = None
+    ) -> tuple[Moment, Array, Array]:  # fmt: skip
+        """Return the balls at a moment, elongations, and slips, twists and rolls since the one before, in ``out``."""
         moved, n = self._move(x, ways), len(self._length)
         after = Moment(moved, *((np.empty_like(self._r), np.empty(n), np.empty(n)) if out is None else out[1:]))
         for block in self._blocks:
             self._place(after, *block)
             if before is not None:
                 self._slip(before, after, *block)
-        return after, self._way
+        return after, after.e, self._way
 
     def _slip(self, before: Moment, after: Moment, at: slice, *room: Array) -> None:
         """Set slips, twists and rolls between two moments, across the mean of r."""
@@ -251,10 +249,6 @@ class TrueDirections(_Directions):
             found.e[walls] = np.sum(self._r[:, walls] * found.moved[: len(self.axes), walls], axis=0)
         if len(self._gap):
             e += self._gap[at]
-
-    def elongation(self, at: Moment) -> Array:
-        """Return e of a moment."""
-        return at.e
 
     def _deform(self, n: Array, length: Array, moved: Array) -> Array:
         """Return (rows - 1, n_c) slip, twist and roll of contacts of the direction n; motions are small."""

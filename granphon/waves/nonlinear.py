@@ -411,11 +411,11 @@ class _System:
     def choose_step(self, x: Array, energy: float) -> float:
         """Return a step for the contacts at the start, and for those that a ball of this kinetic energy, J, would press."""
         normal = self.waves.normal
-        e = self.fixed.step(None, x, np.zeros(len(self.moved)))[0][0]
+        _, e, _ = self.fixed.step(None, x, np.zeros(len(self.moved)))
         size = float(np.mean(self.network.radii[self.network.moving]))
         # the first of these depths that takes the energy, by bisection
         depths = 1e-12 * size * 1.25 ** np.arange(201.0)
-        low, high = np.zeros(len(e), np.intp), np.full(len(e), 200 if energy > 0.0 else 0)
+        low, high = np.zeros(len(e), np.int16), np.full(len(e), 200 if energy > 0.0 else 0, np.int16)
         while np.any(low < high):
             middle = (low + high) // 2
             deep = depths[middle]
@@ -474,9 +474,9 @@ class _System:
         self.ways, self.lifts = self._follow(0.0)
         if np.any(self.ways):
             raise InputError("a displacement does not begin at zero", mend="Give a function that is zero at zero")
-        still, _ = where.step(None, np.zeros_like(x), np.zeros_like(self.ways))
-        self.at, way = where.step(still, x, self.ways)
-        self.touch = forces.begin(where.elongation(self.at), way, where.held)
+        still, *_ = where.step(None, np.zeros_like(x), np.zeros_like(self.ways))
+        self.at, e, way = where.step(still, x, self.ways)
+        self.touch = forces.begin(e, way, where.held)
         nothing = np.zeros(self.network.n_contacts)
         self._at_rest = forces.springs(np.concatenate([nothing[None], where.held]), forces.normal.press(nothing)[1])
         # of slip, twist and roll, of dashpots, and of drives
@@ -497,13 +497,14 @@ class _System:
     def _leap(self, ways: Array, lifts: Array) -> Array:
         """Make a step of Verlet's, and return what has moved."""
         where, forces, old_at, old, step = self.where, self.forces, self.at, self.touch, self.step
+        # half of the kick, and the way that all balls go
         kick = 0.5 * step * self.acceleration
         self.v += kick
         moved = step * self.v
         self.x += moved
-        at, way = where.step(old_at, self.x, ways, self._spare[0])
-        held = where.turn(old.pull, old_at, at)
-        self.touch, spent = forces.follow(old, where.elongation(at), way, held, self._spare[1])
+        # contacts follow: their slips, their forces, and how these turn
+        at, e, way = where.step(old_at, self.x, ways, self._spare[0])
+        self.touch, spent = forces.follow(old, e, way, where.turn(old.pull, old_at, at), self._spare[1])
         where.turn_on(self.touch.pull, old_at, at)
         self.at, pull, self._spare = at, self.touch.pull, (old_at, old)
         self.worked[0] += spent
@@ -513,7 +514,8 @@ class _System:
             before, self.dash = self.dash, forces.damp(self.touch.k, rate)
             pull = pull + self.dash
             mean = 0.5 * (before + self.dash) if np.shape(before) == self.dash.shape else self.dash
-            self.worked[1] += _lose(mean, self.touch.e - where.elongation(old_at), way)
+            self.worked[1] += _lose(mean, e - old.e, way)
+        # the other half
         self.acceleration = self._act(at, pull, lifts)
         np.multiply(0.5 * step, self.acceleration, out=kick)
         self.v += kick
@@ -528,8 +530,8 @@ class _System:
         guess, size = 2.0 * self.acceleration - self.last, math.inf
         for _ in range(_ITERATIONS):
             moved = step * (self.v + 0.5 * step * guess)
-            at, way = where.step(old_at, self.x + moved, ways)
-            e, held = where.elongation(at), where.turn(old.pull, old_at, at)
+            at, e, way = where.step(old_at, self.x + moved, ways)
+            held = where.turn(old.pull, old_at, at)
             touch, spent = forces.follow(old, e, way, held)
             pull = np.concatenate([forces.normal.mean(old.e, e)[None], 0.5 * (held + touch.pull[1:])])
             if forces.is_damped:
@@ -631,7 +633,7 @@ class _System:
         before = np.array([self._keys.get(key, -1) for key in keys], np.intp)
         self._keys = {key: n + place for place, key in enumerate(keys)}
         self._join(table[:, 0], table[:, 1], table[:, 2:])
-        self.at, _ = self.where.step(None, self.x, self.ways)
+        self.at, *_ = self.where.step(None, self.x, self.ways)
         change, k = self.forces.normal.press(self.at.e)
         pull = np.zeros((self.where.count, len(self.at.e)))
         old = np.flatnonzero(before >= 0)

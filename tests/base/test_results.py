@@ -261,7 +261,7 @@ def every(packing, results):
         still.local_dos(0, [1e3]),
         still.damped_modes(2, damping=1e-6),
     ]
-    found.append(gp.NonlinearWaves(strip).run(1e-5, velocities=np.full((strip.n_balls, 3), 1e-3), frames=2))
+    found.append(gp.NonlinearWaves(strip).run(1e-5, velocities=np.tile([1e-3, 1e-3, 0.0], (strip.n_balls, 1)), frames=2))
     return {type(result): result for result in found}
 
 
