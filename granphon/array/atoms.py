@@ -156,7 +156,8 @@ def find_kind(balls: Atoms, units: Units, finite_overlap: bool, coordinates: int
         raise InputError(
             f"ball {ball} of the Atoms is in the units {d} m, {k} N/m and {mass} kg, and the state in"
             f" {units.length:.9g} m, {units.stiffness:.9g} N/m and {units.mass:.9g} kg",
-            mend="Use the state it was made from, and add balls from gp.atoms(state)",
+            "It is in units of another state, or was added without any",
+            "Use the state it was made from, and add balls from gp.atoms(state)",
         )
     kinds = set(balls.arrays[_KIND].tolist())
     if len(kinds) > 1:

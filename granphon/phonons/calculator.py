@@ -494,6 +494,7 @@ class HertzMindlin(ContactCalculator):
             if np.any(astray):
                 what = "balls touch in directions that are not those of the lattice"
             why = "With friction, and in the limit of small overlap, contacts keep these"
+            why += ": balls are turned against the lattice, or were moved"
             mend = "Keep the orientation of gp.atoms(state), or take a state of finite overlap without friction"
             raise InputError(what, why, mend)
         return normal, near
