@@ -6,13 +6,13 @@ import re
 
 import numpy as np
 import pytest
-from granphon.scene.run import draw_sweep
 from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.base.errors import ConvergenceError, InputError, SceneError
 from granphon.runs.wave_records import write_contacts
 from granphon.scene.redraw import redraw
+from granphon.scene.scene import draw_sweep
 from granphon.waves.drives import DriveSettings
 from granphon.waves.settings import MotionSettings
 from tests.waves.test_nonlinear_exact import meeting
