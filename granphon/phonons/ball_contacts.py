@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from ase import Atoms
 from ase.calculators.calculator import Calculator, all_changes
-from ase.neighborlist import primitive_neighbor_list
 from ase.utils.plugins import ExternalIOFormat
 
 from granphon.balls.ball import Ball, ContactConstants
@@ -134,6 +133,8 @@ class BallContacts(ContactCalculator):
         if math.isinf(apart):
             raise InputError("a bond has no end, and so no neighbours", mend="Give a law with a least_overlap")
         reach = (radii + 0.5 * apart) / unit * (1.0 + 1e-12)
+        from ase.neighborlist import primitive_neighbor_list  # imported here: it loads scipy.spatial
+
         i, j, shift = primitive_neighbor_list(
             "ijS", atoms.pbc, atoms.cell.array / unit, atoms.positions / unit, reach.tolist()
         )  # fmt: skip

@@ -36,6 +36,7 @@ from granphon.balls.contact_laws import DMT, JKR, Hertz, PowerLaw, law_between
 from granphon.balls.hertz import HertzLaw
 from granphon.base.errors import InputError, LimitWarning, StoppedEarlyWarning, brief
 from granphon.base.progress import Progress, silent
+from granphon.base.threads import single_products
 from granphon.base.validation import choice, not_negative, positive, real_array, real_number, require, whole_number
 from granphon.dynamics.damping import ContactDamping
 from granphon.media.crystal import Crystal, CrystalState
@@ -259,7 +260,7 @@ class NonlinearWaves:
             network, exact = self.network, length / (count - 1) / each
             kept = Frames(network, exact, file)
             stopped = ""
-            with kept, progress.step("motion", count - 1) as told:
+            with kept, single_products(), progress.step("motion", count - 1) as told:
                 try:
                     for frame in system.integrate(x, v, exact, each, count, scheme, kept):
                         if frame:

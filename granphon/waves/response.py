@@ -51,6 +51,7 @@ from granphon.base.errors import ConvergenceError, InputError, brief
 from granphon.base.results import Result
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
+from granphon.base.threads import single_products
 from granphon.base.validation import frequency_array, positive
 from granphon.dynamics.damping import ContactDamping
 from granphon.networks.network import ContactNetwork
@@ -517,6 +518,7 @@ class _Problem:
     moved: bool
     stretched: Array
 
+    @single_products()
     def solve(self, omega: Array, method: str | None, tolerance: float) -> tuple[Complex, Array, int, int]:
         """Return values and errors at ``omega`` (n_f,), rad/s, the number of factorisations, and of steps of Lanczos."""
         work = ResponseWork(self.operator, self.damping, omega, tolerance)
