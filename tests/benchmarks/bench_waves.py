@@ -86,7 +86,7 @@ def waves(repeats: int) -> list[Row]:
             over(f"density of states, its two parts, {what}, {MOMENTS} moments: over kwant's kpm, the total alone",
                 seconds, "ours", "kwant", 1.0)
         )  # fmt: skip
-    return [*found, *large_product(repeats), *large(repeats), *responses(repeats)]
+    return [*found, *large_product(repeats), *large(repeats), *responses()]
 
 
 def large_product(repeats: int) -> list[Row]:
@@ -122,30 +122,9 @@ def large(repeats: int) -> list[Row]:
 # -- the response in frequency --------------------------------------------------------------------------------------------
 
 
-def responses(repeats: int) -> list[Row]:
-    """Responses by one Krylov space against scipy's factors at each frequency, and those of a hundred thousand balls."""
-    from scipy.sparse import eye_array
-    from scipy.sparse.linalg import splu
-
-    ours, side, hertz = array(40), 40, np.linspace(3e3, 14e3, 40)
-    operator, times = ours.operator, (4e-6, 8e-6)
-    places = [(0, "x"), (4 * side + 4, "x")]
-    viscous = operator.weigh(np.multiply.outer(times, np.ones(operator.network.n_contacts)))
-    force = np.zeros(operator.size)
-    force[0] = 1.0
-
-    def by_factors() -> list[Any]:
-        unit, found = eye_array(operator.size), []
-        for w in 2.0 * np.pi * hertz:
-            matrix = (operator.matrix + 1j * w * viscous - w**2 * unit) / operator.top**2
-            found.append(splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A").solve(force.astype(complex)))
-        return found
-
-    seconds = alternate(
-        repeats, ours=lambda: ours.response(hertz, *places, damping=times, method="krylov"), scipy=by_factors
-    )
-    what = f"response of {side}x{side} balls, damped unevenly, at {len(hertz)} frequencies"
-    rows = [over(f"{what}: over scipy's factors at each", seconds, "ours", "scipy", 1.0)]
+def responses() -> list[Row]:
+    """Responses of a hundred thousand balls by one Krylov space, damped alike and unevenly."""
+    rows = []
     for loss in (0.05, (0.1, 0.05)):
         run = run_alone(f"bench_waves.response_alone({SIDE}, {loss})")
         assert run["error"] < 1e-6, "the response is not found: the time would mean nothing"
