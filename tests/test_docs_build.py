@@ -31,7 +31,7 @@ pytestmark = [
 _FOREIGN = {
     "Any", "Atoms", "Axes", "Callable", "Dataset", "Executor", "False", "Figure", "FuncAnimation", "Iterator", "Literal",
     "Mapping", "None", "Path", "PathLike", "Self", "Sequence", "True", "AbstractContextManager", "Step", "Array",
-    "ArrayLike", "BinaryIO", "DataArray",
+    "ArrayLike", "BinaryIO", "ClassVar", "DataArray",
 }  # fmt: skip
 
 

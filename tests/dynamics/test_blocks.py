@@ -409,3 +409,18 @@ def test_the_spin_of_a_ball_between_two_others_is_free_along_any_line():
     assert np.all(values[:, 0] == 0.0)
     assert np.all(values[:, 1] > 0.0)
     assert "strain" in lattice.mechanism
+
+
+@pytest.mark.claim("membranes-bend")
+@given(size=sizes, bending=st.floats(1e-3, 1.0), torsion=st.floats(1e-3, 1.0), eta=st.floats(0.05, 1.3))
+def test_chain_in_closed_form_at_every_size(size, bending, torsion, eta):
+    s, c = math.sin(size / 2), math.cos(size / 2)
+    trace, determinant = eta * (4 * s**2 + 10 * c**2) + 40 * bending * s**2, 160 * eta * bending * s**4
+    high = math.sqrt((trace + math.sqrt(trace**2 - 4 * determinant)) / 2)
+    low = math.sqrt(160 * eta * bending) * s**2 / high
+    expected = sorted([2 * s, 2 * s * math.sqrt(10 * torsion), low, low, high, high])
+    lattice = make("chain", ALL, eta, bending=bending, torsion=torsion)
+    assert_allclose(lattice.frequencies([[size]])[0], expected, rtol=2e-14)
+    without = make("chain", ALL, eta).frequencies([[size]])[0]
+    pair = math.sqrt(eta * (4 * s**2 + 10 * c**2))
+    assert_allclose(without, [0.0, 0.0, 0.0, *sorted([2 * s, pair, pair])], rtol=4e-15)

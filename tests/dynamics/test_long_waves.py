@@ -224,3 +224,47 @@ def test_overlap_that_buckles_the_lattice(smooth, packing):
 )
 def test_of_several_strains_that_cost_nothing_a_plain_one_is_told(lattice, strain):
     assert f"The strain {strain} costs no energy" in gp.ContactLattice.of(lattice, 0.0).mechanism
+
+
+loads = st.floats(-30.0, -5.0).map(lambda x: 10.0**x)
+
+
+def exact_longwave(packing, force):
+    """v_L, v_T, K, G from the printed formulas, in the present precision of mpmath."""
+    material = packing.material
+    e, s, rho, d, f = (
+        mpmath.mpf(x) for x in (material.young_modulus, material.poisson_ratio, material.density, packing.diameter, force)
+    )
+    eta = 2 * (1 - s) / (2 - s) if packing.friction else mpmath.mpf(0)
+    k = mpmath.cbrt(mpmath.mpf(3) / 2 * (e / (2 * (1 - s**2))) ** 2 * d * f)
+    mass = mpmath.pi * rho * d**3 / 6
+    bulk = mpmath.sqrt(3) / 2 * k / d
+    longitudinal = mpmath.sqrt(mpmath.mpf(9) / 8 * (1 + eta / 3) * k / mass) * d
+    transverse = mpmath.sqrt(mpmath.mpf(3) / 8 * (1 + eta) * k / mass) * d
+    return longitudinal, transverse, bulk, (1 + eta) / 2 * bulk, eta
+
+
+@pytest.mark.claim("readme-range")
+@given(diameter=diameters, load=loads, sigma=st.floats(-0.99, 0.5), friction=st.booleans(), angle=angles)
+def test_velocities_and_moduli_at_every_size_and_load(diameter, load, sigma, friction, angle):
+    packing = gp.Packing(gp.Material(7e10, sigma, 2500.0), diameter, friction=friction)
+    force = load * 7e10 * diameter**2
+    state = gp.AveragedLattice(packing).at_force(force)
+    velocities, moduli = gp.sound_velocities(state), gp.moduli(state)
+    turned = gp.sound_velocities(state, (math.cos(angle), math.sin(angle)))
+    with mpmath.workdps(40):
+        longitudinal, transverse, bulk, shear, eta = exact_longwave(packing, force)
+        density = mpmath.pi * 2500 / (3 * mpmath.sqrt(3))
+        for found, exact in (
+            (velocities.longitudinal, longitudinal),  # equation 13
+            (velocities.transverse, transverse),  # 14
+            (turned.longitudinal, longitudinal),
+            (turned.transverse, transverse),
+            (moduli.bulk, bulk),  # 17
+            (moduli.shear, shear),
+            (velocities.longitudinal, mpmath.sqrt((bulk + shear) / density)),  # 16
+            (velocities.transverse, mpmath.sqrt(shear / density)),
+            (packing.effective_density, density),
+            ((velocities.longitudinal / velocities.transverse) ** 2, (3 + eta) / (1 + eta)),  # 49
+        ):
+            assert abs(found / exact - 1) < 1e-13

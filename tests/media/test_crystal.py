@@ -941,3 +941,90 @@ def test_bands_of_a_supercell_without_friction_are_folded(name, finite):
     one, many = (gp.Phonons(c.at_force(10.0, finite_overlap=finite)) for c in (crystal, crystal.repeat((2,) * p)))
     folded = [one.frequencies((q + step) / 2.0) for step in itertools.product((0, 1), repeat=p)]
     assert_allclose(many.frequencies(q), np.sort(np.concatenate(folded, axis=1), axis=1), rtol=1e-9)
+
+
+def twin_energy(crystal, laws, cell_rate):
+    """The energy of small overlaps, contact by contact, as a function of (u of all balls, strain in Voigt order)."""
+    n, d, p = crystal.n_balls, crystal.dimension, crystal.periods
+    found = []
+    radii = [ball.diameter / 2 for ball in crystal.balls]
+    for i, j in itertools.product(range(n), repeat=2):
+        for step in itertools.product((-1, 0, 1), repeat=p):
+            vector = crystal.positions[j] + np.array(step) @ crystal.cell - crystal.positions[i]
+            if (i, *step) < (j, *(-one for one in step)) and abs(np.linalg.norm(vector) - radii[i] - radii[j]) < 1e-8:
+                found.append((i, j, vector, vector / np.linalg.norm(vector), laws(i, j)))
+    pairs = [(a, b) for a in range(p) for b in range(a, p)]
+
+    def energy(x):
+        u, strain = x[: n * d].reshape(n, d), np.zeros((d, d))
+        for (a, b), value in zip(pairs, x[n * d :], strict=True):
+            strain[a, b] = strain[b, a] = value
+        total, slope_u, slope_e = 0.0, np.zeros((n, d)), np.zeros(len(pairs))
+        for i, j, vector, normal, law in found:
+            overlap = -float(normal @ (u[j] - u[i] + strain @ vector))
+            force = law.force(overlap)
+            total += law.energy(overlap)
+            slope_u[j] -= force * normal
+            slope_u[i] += force * normal
+            for at, (a, b) in enumerate(pairs):
+                along = normal[a] * vector[b] + (normal[b] * vector[a] if a != b else 0.0)
+                slope_e[at] -= force * along
+        for at, (a, b) in enumerate(pairs):
+            work = cell_rate[a, b] * (1.0 if a == b else 2.0)
+            total -= work * x[n * d + at]
+            slope_e[at] -= work
+        return total, np.concatenate([slope_u.ravel(), slope_e])
+
+    return energy, len(found)
+
+
+CELLS = {
+    "triangular": ("triangular", (2, 2), [0, 3]),
+    "fcc": ("fcc", (1, 2, 1), [1]),
+    "bcc": ("bcc", (1, 1, 2), [1]),
+    "kagome": ("kagome", (1, 1), [2]),
+}
+
+
+@pytest.mark.parametrize("name", CELLS)
+@pytest.mark.parametrize("seed", range(2))
+def test_rest_is_the_minimum_of_the_energy_that_scipy_finds(name, seed):
+    lattice, shape, soft = CELLS[name]
+    crystal = gp.Crystal.on(lattice, [PLAIN]).repeat(shape).replace(soft, SOFT)
+    p, rng = crystal.periods, np.random.default_rng(seed)
+    noise = rng.uniform(-1.0, 1.0, (p, p))
+    ring = {"triangular": 0.2, "fcc": 0.2, "bcc": 0.0, "kagome": 0.0}[name]  # the last two have mechanisms
+    stress = -(np.eye(p) + ring * (noise + noise.T) / 2) * {2: 2e3, 3: 3e5}[p]
+    state = crystal.at_stress(stress)
+    kinds = [PLAIN if ball == PLAIN else SOFT for ball in crystal.balls]
+    size = float(np.mean(state.overlap))
+
+    def laws(i, j):
+        pair = gp.Hertz().between(kinds[i], kinds[j])
+        return gp.HertzLaw(pair.coefficient * size**1.5)  # of overlaps in units of this size, so that numbers are near one
+
+    volume = abs(np.linalg.det(crystal.cell))
+    # units: overlaps of ``size``, lengths of cells in m; strain times m is a length
+    energy, count = twin_energy(crystal, laws, stress * volume)
+    assert count == len(crystal.contacts)
+    start = np.zeros(crystal.n_balls * crystal.dimension + p * (p + 1) // 2)
+    pairs = [(a, b) for a in range(p) for b in range(a, p)]
+    for at, (a, b) in enumerate(pairs):
+        start[crystal.n_balls * crystal.dimension + at] = -1.0 / 8e-3 if a == b else 0.0
+    scale = float(np.mean(state.normal_force))
+    found = minimize(
+        lambda x: tuple(np.asarray(one) / scale for one in energy(x)),
+        start,
+        jac=True,
+        method="BFGS",
+        options={"gtol": 1e-11},
+    )
+    u = found.x[: crystal.n_balls * crystal.dimension].reshape(crystal.n_balls, -1)
+    strain = np.zeros((p, p))
+    for at, (a, b) in enumerate(pairs):
+        strain[a, b] = strain[b, a] = found.x[u.size + at]
+    table = crystal.contacts
+    overlap = -np.einsum("ca,ca->c", table.normal, u[table.j] - u[table.i] + table.vector @ strain) * size
+    assert_allclose(np.maximum(overlap, 0.0), np.maximum(state.overlap, 0.0), atol=2e-6 * size)
+    assert_allclose(np.linalg.norm(pull_on_balls(state)[0], axis=1), 0.0, atol=1e-12 * scale)
+    assert_allclose(state.stress, stress, atol=1e-12 * np.abs(stress).max())

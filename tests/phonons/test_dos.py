@@ -13,7 +13,7 @@ from granphon.base.errors import InputError
 from granphon.base.quantities import Quantity
 from granphon.base.tables import Table
 from granphon.phonons.mesh import ZoneMesh
-from tests.phonons.conftest import ETA, RESISTED, at_force, every_case, phonons_of
+from tests.phonons.conftest import DIAMETER, ETA, RESISTED, at_force, every_case, phonons_of
 
 
 class WholeMesh(gp.Phonons):
@@ -283,3 +283,19 @@ def test_densities_that_cannot_be(rough, case):
     options, words = BAD_DENSITIES[case]
     with pytest.raises(InputError, match=words):
         rough.dos(**{"mesh": (4, 4), **options})
+
+
+@pytest.mark.parametrize("method", ["tetrahedron", "smearing"])
+def test_low_frequencies_follow_debye(phonons, method):
+    # g(f) = 2 pi f A (v_L^-2 + v_T^-2) a ball in two dimensions
+    sound = gp.sound_velocities(phonons.state)
+    area = np.sqrt(3.0) / 2.0 * DIAMETER**2
+    slope = 2.0 * np.pi * area * (sound.longitudinal**-2 + sound.transverse**-2)
+    top = phonons.frequencies([[0, 0], [0.5, 0]]).max()
+    sigma = {"sigma": 0.01 * top} if method == "smearing" else {}
+    dos = phonons.dos(mesh=(160, 160), method=method, points=1001, **sigma)
+    low = (dos.frequencies > 0.06 * top) & (dos.frequencies < 0.12 * top)
+    ratio = dos.total[low] / (slope * dos.frequencies[low])
+    assert np.mean(ratio) == pytest.approx(1.0, abs=0.02)
+    # quadratic beyond: dispersion bends the branches down, so the density rises above the law
+    assert 1.0 < dos.total[np.searchsorted(dos.frequencies, 0.25 * top)] / (slope * 0.25 * top) < 1.3

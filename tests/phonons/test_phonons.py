@@ -11,6 +11,7 @@ from phonopy import Phonopy
 from phonopy.structure.atoms import PhonopyAtoms
 
 import granphon as gp
+from granphon.balls.lattices import find_lattice
 from granphon.base.errors import InputError, InstabilityError, MechanismError
 from tests.phonons.conftest import (
     RESISTED,
@@ -336,3 +337,48 @@ def test_numbers_padded_with_ones():
 def test_a_mesh_beyond_all_memory_is_refused():
     with pytest.raises(InputError, match="1000000 x 1000000 x 1000000 wave vectors is too large"):
         phonons_of("fcc").dos((10**6,) * 3)
+
+
+def twin(ph, q):
+    """Squared frequencies from forces and torques of each neighbour, one by one, with the motions that the balls have."""
+    state, motions = ph.state, ph.lattice.motions
+    packing, structure = state.packing, find_lattice(state.packing.lattice)
+    follows = state.finite_overlap
+    spacing = 1.0 - state.relative_overlap if follows else 1.0
+    push = state.force / state.normal_stiffness / packing.diameter / spacing if follows else 0.0
+    eta, twist, roll = packing.mindlin_ratio, packing.torsion, packing.bending
+    centres = np.zeros((structure.n_balls, 3))
+    centres[:, : structure.dimension] = structure.positions
+    cell = np.zeros((structure.periods, 3))
+    cell[:, : structure.dimension] = structure.vectors
+    wave = np.linalg.pinv(cell) @ q * 2.0 * np.pi
+    matrix = np.zeros((6 * len(centres), 6 * len(centres)), complex)
+    for i, j in itertools.product(range(len(centres)), repeat=2):
+        for steps in itertools.product(range(-2, 3), repeat=len(cell)):
+            n = centres[j] + np.array(steps) @ cell - centres[i]
+            if abs(np.linalg.norm(n) - 1.0) > 1e-9:
+                continue
+            phase, across = np.exp(1j * wave @ n), np.eye(3) - np.outer(n, n)
+            for ball, factor, sign in ((i, 1.0, -1.0), (j, phase, 1.0)):
+                for dof in range(6):
+                    u, phi = np.zeros((2, 3), complex)
+                    (u if dof < 3 else phi)[dof % 3] = factor if dof < 3 else factor * np.sqrt(10.0)
+                    slip = across @ (sign * u) - 0.5 * spacing * np.cross(phi, n)
+                    pull = n * (n @ (sign * u)) + eta * slip - push * across @ (sign * u)
+                    torque = 0.5 * spacing * eta * np.cross(n, slip) + sign * (twist * n * (n @ phi) + roll * across @ phi)
+                    matrix[6 * i : 6 * i + 3, 6 * ball + dof] -= pull
+                    matrix[6 * i + 3 : 6 * i + 6, 6 * ball + dof] -= np.sqrt(10.0) * torque
+    moving = [*motions.translations, *(3 + axis for axis in motions.rotations)]
+    keep = [6 * ball + one for ball in range(len(centres)) for one in moving]
+    return np.linalg.eigvalsh(matrix[np.ix_(keep, keep)])
+
+
+@every_case
+def test_frequencies_are_those_of_forces_and_torques(lattice, motions, options):
+    ph = phonons_of(lattice, motions, **options)
+    q = random_points(ph)
+    found = ph.frequencies(q) / ph.scales.frequency
+    expected = np.array([twin(ph, one) for one in q])
+    assert found.shape == (len(q), ph.lattice.motions.count * len(ph.atoms))
+    np.testing.assert_allclose(found**2, expected, atol=1e-12 * expected.max())
+    np.testing.assert_array_equal(ph.frequencies(padded(q)), ph.frequencies(q))
