@@ -25,9 +25,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granphon.balls.packing import Packing
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief, needing
 from granphon.base.scales import Units
 from granphon.base.staging import write_text
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from ase import Atoms
 
 
-Array = NDArray[np.float64]
 Kind = int
 #: kind of balls on the sites of a lattice, in the paper's limit
 LATTICE = 0

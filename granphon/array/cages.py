@@ -23,9 +23,8 @@ from granphon.array.geometry import ADDED_STIFFNESS, ExactGeometry
 from granphon.array.sparse_matrices import factorise
 from granphon.array.stencils import number_cells
 from granphon.balls import hertz
+from granphon.base.arrays import Array, Index
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 #: Newton steps, at most
 _STEPS = 100
 #: trials of a line search, at most
@@ -77,7 +76,7 @@ class _Clusters:
     """
 
     def __init__(
-        self, normal: Array, means: Array, i: Indices, j: Indices, fixed: Array, balls: Array, ratio: float
+        self, normal: Array, means: Array, i: Index, j: Index, fixed: Array, balls: Array, ratio: float
     ) -> None:  # fmt: skip
         self._normal, self._means, self._i, self._j, self._fixed, self._ratio = normal, means, i, j, fixed, ratio
         count = balls.shape[1]
@@ -191,7 +190,7 @@ class _Clusters:
             length = np.where(done, length, inside)
 
 
-def _join(i: Indices, j: Indices, contact: NDArray[np.bool_], count: int) -> tuple[int, Indices]:
+def _join(i: Index, j: Index, contact: NDArray[np.bool_], count: int) -> tuple[int, Index]:
     """Return the number of the groups of balls between which there is a ``contact``, and the group of each ball."""
     links = np.flatnonzero(contact & (np.maximum(i, j) < count))
     i, j, first = i[links], j[links], np.arange(count)

@@ -23,7 +23,7 @@ from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from granphon.array.geometry import (
     ADDED_STIFFNESS,
@@ -40,11 +40,11 @@ from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.balls import hertz
 from granphon.balls.lattices import TRIANGULAR, Lattice
+from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.base.results import Result
 from granphon.dynamics.long_waves import voigt_pairs
 
-Array = NDArray[np.float64]
 #: largest residual force on a ball, over the mean contact force (or over the rms difference of contact forces, if that is
 #: less)
 REST_TOLERANCE = 1e-10

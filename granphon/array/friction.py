@@ -36,8 +36,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls import hertz
+from granphon.base.arrays import Array
 
-Array = NDArray[np.float64]
 #: root of an overlap that stands for none where it divides
 _TINY = 1e-150
 #: fraction of the mean normal force below which a contact does not count as one that carries load: the place of a ball that

@@ -38,17 +38,16 @@ from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granphon.array.contact_operator import ContactHessian
 from granphon.array.friction import Tangent
 from granphon.array.krylov import MOST_ITERATIONS, Single, conjugate_gradients, solve_for_motion
 from granphon.array.stencils import Motion, Stencils
 from granphon.balls.contact_table import contact_frames
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.dynamics.rows import Row
 
-Array = NDArray[np.float64]
 #: changes of forces (-df, dT) that follow from a loss of overlap -dh and a slip ds
 Law = Callable[[Array, Array], tuple[Array, Array]]
 #: changes of the forces on balls and of the sum of forces, times -1, by a motion of balls and a change of y; without one, y

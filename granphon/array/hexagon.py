@@ -24,13 +24,13 @@ from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.loads import balls_on_side, force_of_frame
 from granphon.balls.material import Material
 from granphon.balls.packing import Packing, given_packing, require_shallow
+from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError, InputError, brief
 from granphon.base.results import Result, read_only
 from granphon.base.validation import finite_array, positive, require, whole_number
 from granphon.dynamics.compatibility import GYRATION
 from granphon.networks.network import ContactNetwork
 
-Array = NDArray[np.float64]
 #: outward normals of the six walls
 _NORMALS = np.array([[math.cos(math.radians(angle)), math.sin(math.radians(angle))] for angle in range(30, 390, 60)])
 #: largest force left on a ball or a wall, over the mean contact force

@@ -20,7 +20,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granphon.array.equilibrium import Equilibrium, equilibrate
 from granphon.array.friction import FrictionLaw, PressedArray
@@ -29,9 +28,9 @@ from granphon.array.load_step import BALANCE_TOLERANCE
 from granphon.array.stencils import Stencils, dot
 from granphon.array.stepper import GAS, MOST_HALVINGS, Stepper, find_aim, goes_on, weigh_states
 from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_exactly
+from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError, InputError
 
-Array = NDArray[np.float64]
 #: reduced spacing a* = y + 1/2 at which a history begins, at rest without friction
 START_SPACING = 0.5
 #: tolerance of f* for the refinement of steps

@@ -20,14 +20,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granphon.array.geometry import Geometry
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.stencils import Motion
 from granphon.balls import hertz
+from granphon.base.arrays import Array
 
-Array = NDArray[np.float64]
 #: Newton steps on the lattice, at most
 _STEPS = 100
 #: Newton steps in the true geometry, at most: loose balls roll along others there, and the longer the smaller W/d is

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from granphon.array.contact_operator import ContactHessian
 from granphon.array.stencils import Motion, dot
+from granphon.base.arrays import Array
 
-Array = NDArray[np.float64]
 Values = NDArray[Any]
 Single = NDArray[Any]
 Map = Callable[[Values], Values]

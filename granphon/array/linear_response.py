@@ -24,17 +24,16 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granphon.array.geometry import ExactPlace, Inverse, Law
 from granphon.array.krylov import KEPT, Map, Single, conjugate_gradients
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.sparse_matrices import compose_hessian, factorise
 from granphon.array.stencils import Motion, Stencils, dot
+from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError
 from granphon.dynamics.long_waves import voigt_pairs
 
-Array = NDArray[np.float64]
 #: largest number of iterations for a linear response
 _MOST_ITERATIONS = 60_000
 #: the least reduction that is asked of single precision at a time

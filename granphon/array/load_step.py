@@ -36,10 +36,9 @@ from granphon.array.geometry import (
 )
 from granphon.array.krylov import Single, solve_by_minimal_residuals
 from granphon.array.preconditioners import Patches, Put
-from granphon.array.sparse_matrices import Indices
 from granphon.array.stencils import Motion, dot
+from granphon.base.arrays import Array, Index
 
-Array = NDArray[np.float64]
 #: largest force, or torque over the diameter, left on a ball, over the mean normal force
 BALANCE_TOLERANCE = 1e-9
 #: Newton steps before a step of the load is halved, at most
@@ -380,7 +379,7 @@ class LinearSteps:
 
     def __init__(self, patches: Patches, damped: bool) -> None:
         self._stencils, self._patches, self._damped = patches.stencils, patches, damped
-        self._weak: Indices = np.empty(0, np.intp)
+        self._weak: Index = np.empty(0, np.intp)
         self._put: Put | None = None
 
     def solve(

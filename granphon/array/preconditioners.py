@@ -19,14 +19,13 @@ from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granphon.array.contact_operator import ContactHessian
 from granphon.array.friction import Tangent
-from granphon.array.sparse_matrices import STIFF, Indices, compose, factorise, factorise_contacts
+from granphon.array.sparse_matrices import STIFF, compose, factorise, factorise_contacts
 from granphon.array.stencils import Stencils, number_cells
+from granphon.base.arrays import Array, Index
 
-Array = NDArray[np.float64]
 Inverse = Callable[[Array], Array]
 #: largest number of balls whose matrix is factorised, for lattices with 1, 2, 3 periods: the memory that factors take grows
 #: faster than it, in three dimensions much faster
@@ -124,14 +123,14 @@ class Patches:
         self._largest = _LARGEST[len(stencils.shape) - 1] * stencils.n_balls // stencils.n_contacts
 
     @cached_property
-    def _ends(self) -> Indices:
+    def _ends(self) -> Index:
         """(2, contacts) balls j and i of each contact."""
         i, j = (self._cells * ball[:, None] for ball in np.transpose(self.stencils.ends))
         far = number_cells(self.stencils.shape, self.stencils.shifts)
         return np.array([j + far, i + np.arange(self._cells)]).reshape(2, -1)
 
     @cached_property
-    def _by_ball(self) -> tuple[Indices, Indices]:
+    def _by_ball(self) -> tuple[Index, Index]:
         """Contacts of one ball after the other, and the places where those of each begin."""
         order = np.argsort(self._ends, axis=None, kind="stable")
         return order % self._ends.shape[1], np.searchsorted(self._ends.ravel()[order], np.arange(self._balls + 1))
@@ -144,7 +143,7 @@ class Patches:
         kind, (i, j) = np.arange(kinds), np.transpose(self.stencils.ends)
         return np.array([both[0][:, kind, j], both[1][:, kind, i]]).swapaxes(1, 2)
 
-    def find_worst(self, forces: Array) -> Indices:
+    def find_worst(self, forces: Array) -> Index:
         """Return the balls, with their neighbours, on which most of the ``forces`` (fields, L1, ..., Lp) are left."""
         by_ball = forces.reshape(self.stencils.n_balls, self._fields, self._cells)
         squares = np.einsum("bfc,bfc->bc", by_ball, by_ball).ravel()
@@ -155,20 +154,20 @@ class Patches:
         worst = worst[: int(np.searchsorted(sums, min(_HELD * float(np.sum(squares)), sums[-1]))) + 1]
         return np.unique(self._ends[:, self._find_contacts(worst)])
 
-    def join(self, balls: Indices, more: Indices) -> Indices:
+    def join(self, balls: Index, more: Index) -> Index:
         """Return the balls of a patch and more, or all balls if those are many; ``balls`` alone if it would be too large."""
         joined = np.union1d(balls, more)
         if joined.size > _WHOLE * self._balls and self._balls <= self._largest:
             return np.arange(self._balls)
         return joined if joined.size <= self._largest else balls
 
-    def _find_contacts(self, balls: Indices) -> Indices:
+    def _find_contacts(self, balls: Index) -> Index:
         contacts, first = self._by_ball
         counts = first[balls + 1] - first[balls]
         starts = np.repeat(first[balls] - np.cumsum(counts) + counts, counts)
         return np.unique(contacts[starts + np.arange(starts.size)])
 
-    def invert(self, balls: Indices, tangent: Tangent) -> Put | None:
+    def invert(self, balls: Index, tangent: Tangent) -> Put | None:
         """Return what puts the motions of balls under a force into an array of motions; None if there is no inverse.
 
         The ``tangent`` has a mean stiffness of one. Forces and motions are (fields, L1, ..., Lp).

@@ -19,7 +19,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from granphon.array.equilibrium import Equilibrium
 from granphon.array.friction import SLIDES, Contacts, FrictionLaw, PressedArray
@@ -29,6 +29,7 @@ from granphon.array.sample import STEP, Sample, find_density, turn_frames
 from granphon.array.stencils import Motion, Stencils
 from granphon.array.true_equilibrium import find_exact_elasticity
 from granphon.balls.hertz import reduce_by_slip
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.results import read_only
 from granphon.networks.network import ContactNetwork
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
     from ase import Atoms
 
 
-Array = NDArray[np.float64]
 #: the choices of the tangential stiffness under sound; the first is the default
 SHEAR_RESPONSES = ("stick", "slide", "partial_slip")
 

@@ -9,7 +9,7 @@ from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from granphon.array.atoms import SAMPLE, count_coordinates, take_arrays
 from granphon.array.equilibrium import Equilibrium, equilibrate
@@ -19,6 +19,7 @@ from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_exactly
 from granphon.balls.contact_table import contact_frames
 from granphon.balls.lattices import BALL
 from granphon.balls.packing import MINDLIN, Packing
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError, needing
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units, WidthUnits
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from ase import Atoms
 
 
-Array = NDArray[np.float64]
 #: step in log f, to either side, for finite differences of moduli. The bias of an exponent is proportional to its square: it
 #: is 2e-3 STEP^2 = 5e-6 at f* = 1, where the statistical error is least, and that is the standard error of a million balls.
 #: The variance grows only as -log STEP

@@ -20,10 +20,10 @@ from granphon.array.sparse_matrices import compose, factorise
 from granphon.balls import hertz
 from granphon.balls.contact_table import contact_frames
 from granphon.balls.lattices import TRIANGULAR, Lattice
+from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError
 from granphon.dynamics.long_waves import voigt_pairs
 
-Array = NDArray[np.float64]
 #: largest number of steps of Newton's method, each with an LU factorisation
 _FACTORISATIONS = 200
 #: residual force on a ball, over the mean contact force, that rounding may leave

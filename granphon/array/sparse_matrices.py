@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.stencils import Stencils, number_cells
+from granphon.base.arrays import Array, Index
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 #: stiffness, over the mean, from which a contact is stiff; softer ones enter the matrix by their part of the diagonal only
 STIFF = 1e-3
 #: balls of an array, at most, for which the places of the entries of its matrix are kept: finding them takes as long as
@@ -71,7 +70,7 @@ def compose_hessian(frame: Stencils, table: Array) -> Any:
 
 
 @lru_cache(maxsize=8)
-def _find_places(shape: Any, shifts: Any, ends: Any, count: int) -> tuple[Indices, NDArray[np.int32], NDArray[np.int32]]:
+def _find_places(shape: Any, shifts: Any, ends: Any, count: int) -> tuple[Index, NDArray[np.int32], NDArray[np.int32]]:
     """Return where each part of C^T D C stands among the entries of the matrix; rows of entries, and starts of columns."""
     cells, size = math.prod(shape), (1 + max(map(max, ends))) * count * math.prod(shape)
     ball_i, ball_j = (count * ball[:, None, None] for ball in np.transpose(ends))
@@ -105,7 +104,7 @@ def estimate_factors(motions: int, dimension: int) -> float:
     return factor * motions * float(motions) ** power if motions <= LARGEST_FACTORS[dimension] else math.inf
 
 
-def factorise_contacts(i: Indices, j: Indices, head: Array, tail: Array, stiffness: Array) -> Callable[[Array], Array]:
+def factorise_contacts(i: Index, j: Index, head: Array, tail: Array, stiffness: Array) -> Callable[[Array], Array]:
     """Return an approximate inverse of C^T K C of any network of contacts, in any dimension.
 
     The deformation c of kind k is ``head[k].x_j - tail[k].x_i``, x being the motions of balls i[k, c] and j[k, c], or of

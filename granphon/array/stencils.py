@@ -22,9 +22,9 @@ from numpy.typing import DTypeLike, NDArray
 from granphon.array.contact_operator import ContactHessian, ContactOperator
 from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.balls.motions import allowed_motions, select_motions
+from granphon.base.arrays import Array
 from granphon.dynamics.rows import Row, contact_rows, strain_rows
 
-Array = NDArray[np.float64]
 #: number of elements of one array that are worked on at a time, so that they stay in the processor's cache
 _CACHED = 2**15
 #: stiffness, as a fraction of the mean, that the preconditioner adds to each contact, so that each ball's block has an

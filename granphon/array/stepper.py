@@ -43,7 +43,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granphon.array.equilibrium import THRESHOLD_FORCE
 from granphon.array.friction import Contacts, FrictionLaw, PressedArray
@@ -59,9 +58,9 @@ from granphon.array.load_step import (
 )
 from granphon.array.preconditioners import Patches
 from granphon.array.stencils import dot
+from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError
 
-Array = NDArray[np.float64]
 #: number of times that a step of the load is halved where Newton's method fails, and where f* is not yet accurate
 MOST_HALVINGS = 12
 #: number of halvings below which limits of sliding are not looked for again, as they were in the whole step: it takes long

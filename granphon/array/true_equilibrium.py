@@ -20,7 +20,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from granphon.array.cages import Cages
 from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, Equilibrium, equilibrate
@@ -40,9 +40,9 @@ from granphon.array.preconditioners import MOST_BALLS, Preconditioners
 from granphon.array.sparse_matrices import compose_hessian, factorise
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.balls import hertz
+from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError, InputError
 
-Array = NDArray[np.float64]
 #: force left on a ball over W/d times the mean force, at most: loose balls carry forces of about that
 _OF_RATIO = 1e-4
 #: least tolerance that rounding allows

@@ -19,16 +19,16 @@ from functools import cached_property, partial
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from granphon.balls.ball import Body, ContactConstants
 from granphon.balls.hertz import ENERGY, FORCE, SLOPE, STIFFNESS, EnergyLaw, HertzLaw, require_pushing
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import ADHESION, LOADS, Quantity
 from granphon.base.registry import Registry
 from granphon.base.validation import Rule, above_zero, choice, not_negative, number, positive, real_array, require
 
-Array = NDArray[np.float64]
 #: overlaps, over the radius of a contact, at which a user's law is compared with its derivatives
 _PROBES = np.array([1e-6, 1e-5, 1e-4, 1e-3])
 #: step of these comparisons, over the overlap, and the relative error that is allowed

@@ -28,12 +28,12 @@ from granphon.balls.distributions import (
     find_quantiles,
     merge,
 )
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import LENGTH
 from granphon.base.tables import Table
 from granphon.base.validation import finite_list, not_negative, positive, whole_number
 
-Array = NDArray[np.float64]
 #: smallest fraction of a kind of balls: with a rarer kind, W is so small against the kind's deviation that the laws lose
 #: their digits
 _RAREST = 1e-12

@@ -26,9 +26,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.hertz import EXPONENT
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 
-Array = NDArray[np.float64]
 #: an analytic piece of a distribution: (start, end, density as a function of t, t - start and end - t)
 Piece = tuple[float, float, Callable[[Array, Array, Array], Array]]
 #: x of listed diameters is rounded to a multiple of this, so that diameters of the same shape and another W compare equal

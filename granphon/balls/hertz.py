@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from granphon.balls.material import Material
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.validation import positive, real_array
 
-Array = NDArray[np.float64]
 #: a of Hertz's law f = c h_+^a; the stiffness is a f/h, and the energy f h/(a + 1)
 EXPONENT = 1.5
 #: orders of the derivatives of the energy with respect to the overlap: energy, force, stiffness, slope of the stiffness

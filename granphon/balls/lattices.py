@@ -13,16 +13,16 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from granphon.balls.contact_table import TOUCH, ContactTable, find_contacts
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
 from granphon.base.registry import Registry
 from granphon.base.results import read_only, write_html
 from granphon.base.text import counted
 from granphon.base.validation import is_one_of, label, real_array, require
 
-Array = NDArray[np.float64]
 #: chemical symbol that stands for a ball in Atoms and files; its mass is always given
 BALL = "Fe"
 #: least length, area or volume of a cell, in spacings; smaller ones hold no ball, and their inverse has no digits

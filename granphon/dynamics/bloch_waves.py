@@ -13,12 +13,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from granphon.base.arrays import Array, Complex
 from granphon.base.errors import PrecisionError
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 #: point of the plane of lambda from which eigenvalues are found: one without symmetry, well inside of the unit circle
 _POINT = 0.31 + 0.17j
 #: distance from the unit circle up to which a wave runs; and of lambda, up to which waves are one

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.base.arrays import Array
 from granphon.base.errors import InstabilityError
 from granphon.dynamics.linalg import (
     cholesky_factor,
@@ -31,7 +32,6 @@ from granphon.dynamics.linalg import (
 )  # fmt: skip
 from granphon.dynamics.rows import WaveRows, bend, bend_slope
 
-Array = NDArray[np.float64]
 #: number of motions from which those that cost nothing at any wave vector are split off by LAPACK
 _MANY_FREE = 48
 #: relative difference of frequencies below which branches are treated as one degenerate set

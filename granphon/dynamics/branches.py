@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import steps_within
 from granphon.balls.lattices import as_direction, one_direction
+from granphon.base.arrays import Array
 from granphon.base.errors import GranphonError, UnreachableFrequencyError
 from granphon.base.validation import real_array
 from granphon.dynamics.contact_lattice import ContactLattice
 
-Array = NDArray[np.float64]
 #: number of points, from Gamma to the edge of the zone, at which branches are followed
 _PATH_POINTS = 128
 #: number of these points that are solved together; after each such group, directions that have reached their frequency are

@@ -21,12 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.lattices import Lattice
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.results import read_only
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.zone_quadrature import grid_zone
 
-Array = NDArray[np.float64]
 #: most contacts of a cluster: the work for one grows as their cube
 _MOST_CONTACTS = 100
 #: points along each period of the two grids over the zone, on a line, in the plane and in space

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import ContactTable
 from granphon.balls.motions import IN_PLANE, Motions, select_motions
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError, InstabilityError, PrecisionError
 from granphon.base.results import read_only
 from granphon.base.scales import Units
@@ -23,7 +24,6 @@ from granphon.base.validation import finite_array, not_negative, real_array
 from granphon.dynamics.rows import Row, WaveRows, contact_rows, push_rows, weigh_rows
 from granphon.networks.network import ContactNetwork
 
-Array = NDArray[np.float64]
 #: radius of gyration of a ball about a diameter, (I/M)^1/2 = d/sqrt(10) (equation 8)
 GYRATION = float(1.0 / np.sqrt(10.0))
 #: number of reciprocal vectors from Gamma at which a wave vector has no digit left between its copies

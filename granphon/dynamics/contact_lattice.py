@@ -21,6 +21,7 @@ from granphon.balls.contact_table import ContactTable
 from granphon.balls.lattices import Lattice, as_direction, find_lattice
 from granphon.balls.layers import find_axes
 from granphon.balls.motions import Motions, allowed_motions
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError, InstabilityError
 from granphon.base.results import Result, read_only
 from granphon.base.threads import share_out, single_products
@@ -32,7 +33,6 @@ from granphon.dynamics.linalg import MANY_COLUMNS
 from granphon.dynamics.long_waves import LongWaves
 from granphon.networks.network import ContactNetwork
 
-Array = NDArray[np.float64]
 _Found = TypeVar("_Found")
 #: |q|d at which modes are computed for their limits at Gamma; nearer to it, each branch is a power of |q|
 _NEAR_GAMMA = 1e-30

@@ -19,13 +19,12 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.base.arrays import Array, Complex
 from granphon.base.errors import InputError, PrecisionError, Refused, brief
 from granphon.base.results import Result
 from granphon.base.validation import Rule, finite_numbers, require
 from granphon.networks.network import ContactNetwork
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 #: greatest loss factor, and damping, s, far above any of a contact: their powers stay within the range of floats
 LARGEST_LOSSES = {"damping": 1e30, "loss_factor": 1e6}
 #: relative difference of times, or loss factors, that are the same but for rounding

@@ -20,9 +20,10 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from granphon.balls.motions import Motions, allowed_motions, select_motions
+from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import GranphonError, InputError
 from granphon.base.validation import real_array
 from granphon.dynamics.bloch_waves import Couplings
@@ -30,9 +31,6 @@ from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.rows import contact_rows, push_rows
 from granphon.networks.network import ContactNetwork
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Index = NDArray[np.intp]
 #: the elimination of layers ends where the coupling that is left, over the largest block, is below this
 _COUPLING_TOLERANCE = 1e-17
 #: doublings of the number of eliminated layers, at most

@@ -15,12 +15,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from granphon.base.arrays import Array
 from granphon.dynamics.blocks import GENERIC
 from granphon.dynamics.compatibility import Compatibility
 from granphon.dynamics.linalg import WELL_ABOVE
 from granphon.dynamics.rows import Row
 
-Array = NDArray[np.float64]
 #: singular value of C, over the largest, from which it has eleven digits in the motions of balls
 _LEAST = 1e-5
 #: the same of a mode, whose error is of first order

@@ -23,16 +23,15 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granphon.balls.lattices import TRIANGULAR, Lattice, find_lattice
+from granphon.base.arrays import Array
 from granphon.base.errors import MechanismError, PrecisionError
 from granphon.base.results import Result
 from granphon.base.validation import not_negative
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.zone_quadrature import Operation, divide_zone, find_symmetries
 
-Array = NDArray[np.float64]
 #: numbers of points along each edge of the quadrature's triangles (two periods) and tetrahedra (three), tried in turn until
 #: two successive results agree; with one period Xi is zero
 _ORDERS = {2: (12, 16, 24, 36, 54, 81), 3: (6, 8, 11, 15, 20, 28)}

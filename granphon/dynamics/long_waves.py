@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import as_direction, one_direction
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError, MechanismError
 from granphon.base.results import read_only
 from granphon.base.validation import real_array
@@ -19,7 +20,6 @@ from granphon.dynamics.compatibility import Compatibility
 from granphon.dynamics.linalg import cholesky_factor, jacobi_svd
 from granphon.dynamics.rows import Row, push_rows, strain_rows
 
-Array = NDArray[np.float64]
 #: ratio of the softest to the stiffest strain (singular values) below which a lattice is called a mechanism
 _SOFT = 1e-12
 #: coupling of free inner motions with sound, over its largest possible value, above which it counts as coupling

@@ -26,8 +26,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import contact_frames
 from granphon.balls.motions import Motions
+from granphon.base.arrays import Array
 
-Array = NDArray[np.float64]
 #: half angle below which sin h - h cos h is summed as a series
 _SERIES = 1.0
 #: coefficients of (sin h - h cos h)/h^3 in powers of h^2; the next one is below rounding

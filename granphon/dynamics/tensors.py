@@ -6,16 +6,16 @@ import itertools
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from granphon.balls.contact_table import steps_within
 from granphon.balls.lattices import Lattice, as_direction
+from granphon.base.arrays import Array
 from granphon.base.errors import InstabilityError
 from granphon.base.results import read_only
 from granphon.dynamics.linalg import cholesky_factor
 from granphon.dynamics.long_waves import decompose_waves, voigt_pairs
 
-Array = NDArray[np.float64]
 #: tolerance of positions, in spacings
 _TOLERANCE = 1e-6
 #: greatest difference, over the largest constant, between elastic constants that are equal but for rounding

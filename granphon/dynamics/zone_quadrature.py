@@ -15,11 +15,10 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granphon.balls.contact_table import steps_within
+from granphon.base.arrays import Array
 
-Array = NDArray[np.float64]
 #: fractions of a wave vector without symmetry, at which functions are compared with their images
 _PROBES = np.array([[0.1376, 0.2891, -0.0643], [-0.3217, 0.0811, 0.4129], [0.2239, -0.4462, 0.1783]])
 #: greatest relative difference of values that are equal but for rounding

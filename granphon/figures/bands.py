@@ -21,8 +21,9 @@ from matplotlib.colors import Normalize, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.scales import HertzPrefix
 from granphon.base.validation import real_array
@@ -34,7 +35,6 @@ from granphon.phonons.bands import Bands
 from granphon.phonons.dos import DensityOfStates
 from granphon.phonons.paths import zone_faces, zone_polygon
 
-Array = NDArray[np.float64]
 Asymptotes = SoundVelocities | ContactLattice
 
 #: colour of a gap between the branches

@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from granphon.balls.lattices import find_lattice
 from granphon.balls.loads import force_of_frame
 from granphon.balls.packing import Packing
+from granphon.base.arrays import Array
 from granphon.base.errors import FigureError, InputError, brief
 from granphon.base.results import restore
 from granphon.base.scales import HertzPrefix, write_uncertain
@@ -60,7 +61,6 @@ from granphon.runs.dataset import Dataset, find_dataset, find_load, list_finite_
 _DATA_STYLE: dict[str, Any] = {
     "fmt": "o", "color": "black", "markersize": 2.6, "elinewidth": 0.7, "capsize": 0.0, "zorder": 2.0,
 }  # fmt: skip
-Array = NDArray[np.float64]
 #: the largest number on an axis; matplotlib overflows where it draws margins and ticks beyond
 _LARGEST = 1e280
 #: dashes of lines that have the same colour, the first solid; none is that of a line outside its range

@@ -18,6 +18,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from granphon.array.sample import Sample
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
 from granphon.base.scales import prefixed
 from granphon.base.text import counted
@@ -27,7 +28,6 @@ from granphon.media.state import ContactState
 from granphon.networks.network import ContactNetwork
 from granphon.phonons.phonopy_atoms import number_kinds
 
-Array = NDArray[np.float64]
 #: colours of balls and of those that do not move, and of contacts without force and walls
 _BALL, _STILL, _IDLE = "0.95", "0.75", "0.55"
 #: colours of balls of several masses, whose kinds are not known

@@ -23,6 +23,7 @@ from matplotlib.patheffects import withStroke
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import steps_within
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.scales import HertzPrefix
 from granphon.base.validation import positive, real_array, whole_number
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
     from granphon.waves.modes import NetworkModes
 
 
-Array = NDArray[np.float64]
 #: longest displacement in the drawing, in diameters; spins are drawn on the same scale
 _LARGEST = 0.4
 #: angle of the mark of a ball at rest, rad

@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import Normalize, TwoSlopeNorm
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from granphon.base.errors import InputError, brief
 from granphon.base.scales import HertzPrefix, prefixed
@@ -19,7 +18,6 @@ from granphon.figures.waves import choose_states
 from granphon.runs.dataset import Dataset
 from granphon.waves.motion import Motion
 
-Array = NDArray[np.float64]
 Show = Literal["velocities", "forces"]
 #: part of the greatest amplitude of a spectrum at which its axis ends
 _LEAST = 1e-6

@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from granphon.base.arrays import Array
 from granphon.base.errors import FigureError, InputError, MissingPackageError, needing
 from granphon.base.scales import HertzPrefix, prefixed
 from granphon.figures.style import (
@@ -79,8 +79,6 @@ with _open_door():
     from matplotlib.lines import Line2D
     from matplotlib.ticker import Locator, MaxNLocator, NullFormatter
 
-
-Array = NDArray[np.float64]
 
 #: colours from translation (0) to rotation (1): the uniform map "plasma" without its light end
 ROTATION = LinearSegmentedColormap.from_list("rotation", matplotlib.colormaps["plasma"](np.linspace(0.0, 0.8, 256)))

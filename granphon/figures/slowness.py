@@ -18,9 +18,10 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from granphon.balls.lattices import one_direction
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.text import counted
 from granphon.dynamics.branches import connect_branches
@@ -28,7 +29,6 @@ from granphon.figures.style import FRAME, TRANSVERSE_COLOUR
 from granphon.figures.views import HALO, Painter, View
 from granphon.media.state import State, as_state
 
-Array = NDArray[np.float64]
 #: unit in which slowness is drawn, which is ms/m
 _LABEL = "s/km"
 #: what the colour bar says

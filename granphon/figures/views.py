@@ -15,9 +15,10 @@ from matplotlib.collections import PathCollection
 from matplotlib.colors import to_rgba
 from matplotlib.path import Path
 from matplotlib.typing import ColorType
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from granphon.base.arrays import Array
+
 _Rgba = tuple[float, float, float, float]
 #: white border of letters that stand on a drawing
 HALO = patheffects.withStroke(linewidth=1.5, foreground="white")

@@ -29,8 +29,8 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.scales import HertzPrefix
 from granphon.figures.bands import name_corners
@@ -63,7 +63,6 @@ from granphon.waves.settings import RESPONSES
 from granphon.waves.spectral_functions import SpectralFunction
 from granphon.waves.transmission import Transmission
 
-Array = NDArray[np.float64]
 #: ratio of the darkest to the lightest shade of a spectral function
 _SHADES = 1e3
 #: number of receivers up to which each has a colour and an entry of the legend

@@ -15,11 +15,12 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from granphon.balls.lattices import one_direction
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import PARAMETERS
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.results import Result
 from granphon.base.scales import write_quantity
@@ -32,7 +33,6 @@ from granphon.fits.velocity_model import VARIABLE, VelocityModel, Waves, require
 from granphon.media.choice import MediumChoice
 from granphon.observables.validity import validity
 
-Array = NDArray[np.float64]
 #: a result whose probability is below this, or for chi-squared also above 1 minus this, is not explained by chance
 _LEAST_CHANCE = 1e-3
 #: one datum is judged by the given sigma, not by the scatter, if the chi-squared of the others has at least this probability

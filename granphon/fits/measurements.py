@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.quantities import FREQUENCY, LENGTH, LIGHT_VELOCITY, LOADS, TIME, Quantity, load_quantities
 from granphon.base.results import Result
@@ -18,7 +18,6 @@ from granphon.base.tables import Table
 from granphon.base.text import suggest
 from granphon.base.validation import finite_list, positive
 
-Array = NDArray[np.float64]
 #: quantities in measurements, read with any of their units: velocity, m/s; frequency, Hz; time of flight, s
 SPEED = Quantity("velocity", "m/s", "500 m/s", "m/s, km/s, mm/us")
 #: errors may be given in per cent of the quantity

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls import hertz
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.quantities import FREQUENCY, Quantity
 from granphon.base.results import Result
@@ -31,7 +32,6 @@ from granphon.networks.network import ContactNetwork, given_network
 from granphon.waves.response import QUANTITIES
 from granphon.waves.waves import Waves
 
-Array = NDArray[np.float64]
 #: what may be fitted, and its unit; of stiffness, load and gain it is the ratio to those of the network
 PARAMETERS = {
     "damping": "s", "tangential_damping": "s", "loss_factor": "1", "tangential_loss_factor": "1", "stiffness": "1",

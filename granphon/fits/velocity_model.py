@@ -21,13 +21,13 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granphon.balls.diameters import Discrete, Measured, Spread, Uniform
 from granphon.balls.hertz import EXPONENT
 from granphon.balls.loads import Load
 from granphon.balls.packing import MINDLIN, Packing
 from granphon.balls.parameters import change_packing
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError, UnreachableFrequencyError, brief
 from granphon.base.results import Result
 from granphon.base.text import suggest
@@ -38,7 +38,6 @@ from granphon.media.mean_field import AveragedLattice
 from granphon.media.state import ContactState, ideal_lattice
 from granphon.observables.velocities import local_exponent, pulse_velocities
 
-Array = NDArray[np.float64]
 #: the branches whose velocities may be fitted; the last two take the place of the second where there are two of them
 _BRANCHES = ("longitudinal", "transverse", "transverse_slow", "transverse_fast")
 #: d log v / d log p of long waves for each parameter p: a constant, and the factor of the local exponent that is added to it

@@ -17,11 +17,12 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from granphon.balls.distributions import NormalShape, PointShape, Shape, UniformShape
 from granphon.balls.hertz import ENERGY, FORCE, SLOPE, STIFFNESS
 from granphon.balls.lattices import Lattice
+from granphon.base.arrays import Array
 from granphon.base.errors import PrecisionError
 from granphon.base.results import read_only
 from granphon.base.threads import single_products
@@ -30,7 +31,6 @@ from granphon.laws.cluster_balance import Balance, ClusterBalance, PointSource
 from granphon.laws.cluster_descent import MOST_SETS, ClusterDescent
 from granphon.laws.spread import TERMS, CurveLaw, Series
 
-Array = NDArray[np.float64]
 #: f* from which force and stiffness are within 2.5 % of the simulated array's, on the triangular lattice and in fcc
 VALID_FORCE = 0.03
 #: f* down to which the curve is solved

@@ -50,12 +50,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.distributions import Shape
+from granphon.base.arrays import Array
 from granphon.base.errors import PrecisionError
 from granphon.base.results import read_only
 from granphon.base.threads import share_out
 from granphon.dynamics.cluster_response import ClusterResponse
 
-Array = NDArray[np.float64]
 #: of single or double precision
 Floats = NDArray[Any]
 #: variance of the deviations in widths W, by the definition of W

@@ -26,10 +26,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.distributions import Shape
+from granphon.base.arrays import Array
 from granphon.base.threads import share_out
 from granphon.laws.cluster_balance import LEAST_CONTACT, Balance, ClusterBalance, PointSource
 
-Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 #: number of steps of a short descent; its overlaps are within 1e-2 of the rms of the equilibrium's
 _SHORT = 15

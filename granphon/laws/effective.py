@@ -47,11 +47,11 @@ from numpy.typing import NDArray
 
 from granphon.balls.distributions import NormalShape, PointShape, Shape, UniformShape
 from granphon.balls.hertz import FORCE, SLOPE, STIFFNESS
+from granphon.base.arrays import Array
 from granphon.base.errors import PrecisionError
 from granphon.base.results import read_only
 from granphon.laws.spread import CurveLaw, Series, high_pressure_series
 
-Array = NDArray[np.float64]
 #: the number of one step, or an array of the step of each value
 Index = int | NDArray[np.intp]
 #: f* down to which the curve is solved, far below the paper's limit of validity

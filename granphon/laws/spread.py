@@ -17,14 +17,14 @@ from functools import cached_property, lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from granphon.balls.distributions import NormalShape, PointShape, Shape, UniformShape, evaluate_in_blocks
 from granphon.balls.hertz import ENERGY, FORCE, STIFFNESS, EnergyLaw, HertzLaw, high_pressure_overlap
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError, PrecisionError
 from granphon.base.scales import WidthUnits
 
-Array = NDArray[np.float64]
 #: the same derivatives of (2/5) y^(5/2), each divided by its power of y
 _HERTZ = (0.4, 1.0, 1.5, 0.75)
 #: y over the largest deviation x, from which the series is used

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing, given_packing
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import load_quantities
 from granphon.base.registry import Registry
@@ -33,7 +34,6 @@ from granphon.media.medium import Medium, Option
 from granphon.media.simulation import DEFAULT_SHAPES, DirectSimulation, no_finite_overlap, read_cells
 from granphon.media.state import ContactState, read_finite_overlap
 
-Array = NDArray[np.float64]
 #: the class of a medium
 T = TypeVar("T", bound=type)
 #: sides, in diameters, of the samples that an automatic medium chooses among, with two and with three periods

@@ -11,16 +11,16 @@ diameter, which ``finite_overlap`` names.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from granphon.array.geometry import LARGEST_RATIO
 from granphon.balls.hertz import force_of, overlap_of
 from granphon.balls.lattices import LATTICES
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
+from granphon.base.arrays import Array
 from granphon.media.equilibria import reduce_load
 
-Array = NDArray[np.float64]
 #: the geometries of contacts: directions are those of the lattice, or follow from the positions of the balls
 LATTICE, EXACT = GEOMETRIES = "lattice", "exact"
 #: part of the shear modulus up to which the directions of the lattice may leave it out, if no geometry is named

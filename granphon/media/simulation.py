@@ -29,6 +29,7 @@ from granphon.balls.lattices import Lattice, as_direction
 from granphon.balls.loads import Load
 from granphon.balls.motions import Motions, allowed_motions
 from granphon.balls.packing import Packing, given_packing
+from granphon.base.arrays import Array
 from granphon.base.errors import GranphonError, InputError, MechanismError, brief
 from granphon.base.progress import Progress, silent
 from granphon.base.results import read_only
@@ -49,7 +50,6 @@ from granphon.media.left_out import (
 from granphon.media.medium import Medium, Option
 from granphon.media.state import ContactState, read_finite_overlap
 
-Array = NDArray[np.float64]
 #: the largest seed of a sample
 _MOST_SEED = 2**64 - 1
 #: default numbers of cells of a sample, with one, two and three periods

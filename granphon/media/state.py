@@ -16,11 +16,12 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from granphon.balls.contact_laws import PairLaw
 from granphon.balls.hertz import MUCH_LARGER, HertzLaw
 from granphon.balls.packing import MINDLIN, Packing
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
 from granphon.base.results import Result
 from granphon.base.scales import Units
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
     from granphon.array.sample import Sample
 
 
-Array = NDArray[np.float64]
 #: a number for a state at a single load, an array for a state at several loads
 Values = Any
 

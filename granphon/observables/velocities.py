@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from granphon.array.sample import jackknife, standard_error
 from granphon.balls.lattices import as_direction
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError, InstabilityError, UnreachableFrequencyError, brief
 from granphon.base.results import Result
 from granphon.base.validation import finite_array, texts
@@ -22,7 +23,6 @@ from granphon.dynamics.tensors import anisotropy, bulk_and_shear, shears
 from granphon.media.state import ContactState, State, as_state, given_state
 from granphon.observables.validity import find_warnings
 
-Array = NDArray[np.float64]
 #: a result of several loads
 Found = TypeVar("Found", "SoundVelocities", "Moduli")
 #: largest part of the stress under an even strain that may differ from a pressure; it allows for rounding

@@ -6,17 +6,15 @@ import itertools
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granphon.balls.lattices import Lattice
 from granphon.balls.layers import find_outer
 from granphon.balls.motions import ALL, Motions, allowed_motions, select_motions
 from granphon.balls.packing import Packing
+from granphon.base.arrays import Array
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.rows import Row, contact_rows, push_rows
 from granphon.phonons.paths import BandPath, default_letters, special_points, split_letters, zone_faces, zone_polygon
-
-Array = NDArray[np.float64]
 
 
 def describe_lattice(packing: Packing, path: BandPath) -> dict[str, Any]:

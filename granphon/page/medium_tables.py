@@ -14,12 +14,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granphon.balls.diameters import Uniform
 from granphon.balls.hertz import EXPONENT, force_of, high_pressure_overlap
 from granphon.balls.packing import Packing
 from granphon.balls.parameters import change_width
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError, MechanismError, PrecisionError
 from granphon.base.scales import WidthUnits
 from granphon.dynamics.local_field import local_field, paper_local_field
@@ -31,7 +31,6 @@ from granphon.media.choice import MediumChoice, find_medium
 from granphon.media.mean_field import ClusterMedium
 from granphon.media.state import Law
 
-Array = NDArray[np.float64]
 #: nodes of ln f* to begin with, and the most that there may be
 _NODES, _MOST_NODES = 61, 800
 #: error of ln k* in the middle between two nodes from which another node is put there

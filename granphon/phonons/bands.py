@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from granphon.balls.layers import find_outer
 from granphon.balls.motions import IN_PLANE, Motions
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.results import Result
 from granphon.base.scales import HertzPrefix, Units, read_header
@@ -36,7 +37,6 @@ from granphon.phonons.phonopy_atoms import (
     write_kinds,
 )  # fmt: skip
 
-Array = NDArray[np.float64]
 #: difference of frequencies, over the top one, at which branches coincide
 _COINCIDE = 1e-6
 #: share of the top frequency by which frequencies at one point may be out of order

@@ -11,9 +11,10 @@ from functools import partial
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from granphon.balls.lattices import Lattice
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError, Refused, brief, needing
 from granphon.base.quantities import NUMBER
 from granphon.base.text import closest, counted, show
@@ -21,7 +22,6 @@ from granphon.base.validation import fraction, real_array, require, texts, whole
 from granphon.dynamics.compatibility import require_digits
 from granphon.dynamics.zone_quadrature import shortest_vectors
 
-Array = NDArray[np.float64]
 #: the pieces of a path, each a tuple of points of three numbers
 Pieces = tuple[tuple[tuple[float, float, float], ...], ...]
 #: greatest number of points or cells that an argument may ask for; a larger one is a mistake

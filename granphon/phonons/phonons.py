@@ -13,6 +13,7 @@ from ase import Atoms
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import touch_once_at_most
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError, PrecisionError, brief, needing
 from granphon.base.scales import Units
 from granphon.base.text import counted
@@ -38,7 +39,6 @@ from granphon.phonons.phonopy_atoms import OFFSET, name_atoms, place_atoms
 if TYPE_CHECKING:
     from granphon.phonons.phonopy_bridge import ContactPhonopy
 
-Array = NDArray[np.float64]
 
 #: balls of a cell up to which gaps are sought on the full mesh
 _FEW_BALLS = 16

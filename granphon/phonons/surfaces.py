@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.base.arrays import Array
 from granphon.base.errors import GranphonError, InputError
 from granphon.base.results import Result
 from granphon.base.staging import write_text
@@ -22,7 +23,6 @@ from granphon.media.state import State
 from granphon.networks.network import given_network
 from granphon.phonons.paths import default_letters, interpolate_path, special_points
 
-Array = NDArray[np.float64]
 #: angular frequency, over the highest, that stands for zero in a spectrum: its limit
 _ZERO = 1e-7
 #: number of frequencies of a map, and its highest, over that of the bands

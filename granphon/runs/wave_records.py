@@ -31,6 +31,7 @@ from scipy.spatial import cKDTree
 
 from granphon.array.sample import Sample, standard_error
 from granphon.balls.loads import Load
+from granphon.base.arrays import Index
 from granphon.base.errors import ConvergenceError, GranphonError, InputError, LimitWarning, StoppedEarlyWarning
 from granphon.base.results import Result
 from granphon.base.tables import Heading, table_text
@@ -70,7 +71,6 @@ from granphon.waves.spectral_functions import (
 from granphon.waves.waves import Waves
 
 Array = NDArray[Any]
-Index = NDArray[np.intp]
 Record = Mapping[str, Array]
 #: what the names of whole results begin with
 _WHOLE = "whole."

@@ -29,7 +29,7 @@ from itertools import compress
 from typing import Any, ClassVar, NamedTuple, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from granphon.balls.contact_table import TOUCH, select_once, steps_within
 from granphon.balls.diameters import Spread
@@ -38,6 +38,7 @@ from granphon.balls.hertz import EXPONENT, FREQUENCY_EXPONENT
 from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing, given_packing
+from granphon.base.arrays import Array
 from granphon.base.errors import GranphonError, InputError
 from granphon.base.progress import Progress, Step, silent
 from granphon.base.results import Result
@@ -60,7 +61,6 @@ from granphon.runs.store import Store, TaskResult
 from granphon.runs.tasks import to_json
 from granphon.runs.workers import packages
 
-Array = NDArray[np.float64]
 #: quantities that are averaged, and whose errors are measured: velocities of long waves, and the scale of frequencies
 QUANTITIES = ("longitudinal", "transverse", "frequency")
 _REACH = 3.0

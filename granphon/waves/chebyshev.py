@@ -23,15 +23,15 @@ from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError, InstabilityError
 from granphon.base.results import Result
 from granphon.base.validation import positive, whole_number
 from granphon.waves.operator import UNSTABLE, WaveOperator
 from granphon.waves.settings import MOMENTS
 
-Array = NDArray[np.float64]
 #: most moments: their densities alone are 32 MiB
 _MOST = 2**20
 #: fewest moments of a given resolution

@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 
 from granphon.balls import hertz
 from granphon.balls.contact_laws import opening_overlap
+from granphon.base.arrays import Array, Index
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 #: contacts that are worked on at a time, which stay in the processor's cache
 _BLOCK = 16384
 #: what stands for zero where it divides zero

@@ -17,13 +17,10 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from granphon.base.arrays import Array, Index
 from granphon.waves.contact_forces import divide, share
 from granphon.waves.operator import WaveOperator
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 
 class _Directions:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.sample import standard_error
 from granphon.balls.diameters import uniform_numbers
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.results import Result
 from granphon.base.validation import finite_array, whole_number
@@ -19,7 +20,6 @@ from granphon.observables.validity import check_network
 from granphon.waves.chebyshev import Kernel, Moments, Refinable, keeps_vectors
 from granphon.waves.operator import WaveOperator
 
-Array = NDArray[np.float64]
 #: most numbers of moments of all random vectors: their densities are 4 GiB
 MOST_MOMENTS = 2**26
 #: most numbers of moments of modes that are worked out together

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from granphon.base.arrays import Index
 from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import FREQUENCY, LENGTH, PUSH, SINCE, VELOCITY, WAY, Quantity
 from granphon.base.tables import Table
@@ -18,8 +18,6 @@ from granphon.base.text import show
 from granphon.base.validation import Rule, above_zero, block, choice, each, fraction, number, whole, zero_or_above
 from granphon.networks.network import ContactNetwork
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 #: the faces of an array
 FACES = ("lower", "upper")
 #: what may be done to balls, and in words

@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.sparse_matrices import LARGEST_FACTORS, factorise
+from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError, InputError, InstabilityError, message
 from granphon.base.results import Result
 from granphon.base.text import counted
@@ -36,7 +37,6 @@ from granphon.observables.validity import check_network
 from granphon.waves.chebyshev import Kernel, Moments, polynomials
 from granphon.waves.operator import UNSTABLE, WaveOperator
 
-Array = NDArray[np.float64]
 #: most motions of a network all of whose modes are found at once, by a dense matrix
 DENSE = 600
 #: frequency over the top frequency, at or below which a mode counts as one that costs no energy

@@ -13,14 +13,13 @@ from typing import Any, BinaryIO, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, OutputError, brief
 from granphon.base.records import RecordFile, read_records
 from granphon.base.results import Result, plain
 from granphon.base.validation import number, positive, require, whole_number
 from granphon.networks.network import ContactNetwork
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 #: what a file of a motion says about itself
 _ABOUT = {"format": "granphon motion", "schema": "1"}
 #: least number of frames in a period of the highest harmonic

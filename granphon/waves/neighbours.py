@@ -5,10 +5,8 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
+from granphon.base.arrays import Array, Index
 
 
 def find_neighbours(places: Array, radii: Array, periods: Array, margin: float) -> tuple[Index, Index, Index]:

@@ -28,12 +28,13 @@ from functools import partial
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from granphon.balls import hertz
 from granphon.balls.ball import RIGID_PLANE
 from granphon.balls.contact_laws import DMT, JKR, Hertz, PowerLaw, law_between
 from granphon.balls.hertz import HertzLaw
+from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, LimitWarning, StoppedEarlyWarning, brief
 from granphon.base.progress import Progress, silent
 from granphon.base.threads import single_products
@@ -50,8 +51,6 @@ from granphon.waves.operator import WaveOperator
 from granphon.waves.pulses import read_balls, read_vector, require_moves
 from granphon.waves.settings import GEOMETRIES, SCHEMES
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 #: steps in the shortest period that the contacts could have, by default; and the least number with which steps are stable
 _STEPS, _LEAST_STEPS = 60.0, 4.0
 #: how often a step that is too long is halved

@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.linalg import LinearOperator
 
 from granphon.array.contact_operator import ContactHessian, ContactOperator
+from granphon.base.arrays import Array, Complex
 from granphon.base.errors import InputError, message
 from granphon.dynamics.rows import Row, carry_rows, contact_rows, push_rows, weigh_rows
 from granphon.networks.network import ContactNetwork
@@ -38,8 +39,6 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 #: margin of the bound of all frequencies: the kernel of a spectrum has no width at the bound itself
 _MARGIN = 1.01
 #: relative difference of numbers that are equal but for rounding

@@ -9,8 +9,9 @@ from itertools import pairwise
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.results import Result
 from granphon.base.scales import Units
@@ -22,7 +23,6 @@ from granphon.networks.network import ContactNetwork
 from granphon.waves.spectral_functions import PeriodicCell, SpectralFunction, nearest_wavevectors
 from granphon.waves.waves import Waves
 
-Array = NDArray[np.float64]
 #: wave vectors nearer to those of Gamma, in reduced coordinates, are the same but for rounding
 _SAME = 1e-6
 #: points of the bands between two corners

@@ -30,13 +30,12 @@ from numpy.typing import NDArray
 from scipy.fft import dct
 from scipy.special import jv
 
+from granphon.base.arrays import Array, Complex
 from granphon.base.errors import InstabilityError
 from granphon.dynamics.damping import ContactDamping
 from granphon.waves.chebyshev import polynomials
 from granphon.waves.operator import UNSTABLE, WaveOperator
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 #: most that the coefficients which are left out add up to, in units of the largest response
 TOLERANCE = 1e-13
 #: largest rounding of a coefficient, times the root of their number, over the largest phase

@@ -19,6 +19,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, UnreachableFrequencyError, brief
 from granphon.base.results import Result, read_only
 from granphon.base.scales import write_quantity
@@ -31,8 +32,6 @@ from granphon.waves.operator import WaveOperator, make_operator
 from granphon.waves.propagation import Propagation, ToneBurst, ViscousPropagation
 from granphon.waves.settings import ENDS, READINGS, PulseSettings
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 #: relative length below which the part of a period along a direction is zero but for rounding
 _FLAT = 1e-9
 #: greatest distance of the balls of one plane from it, in mean diameters, in a lattice

@@ -47,6 +47,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.array.sparse_matrices import estimate_factors, factorise
+from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import ConvergenceError, InputError, brief
 from granphon.base.results import Result
 from granphon.base.scales import write_quantity
@@ -59,9 +60,6 @@ from granphon.waves.modes import PIVOT
 from granphon.waves.operator import WaveOperator
 from granphon.waves.pulses import Course, read_balls, read_push, read_vector, require_moves
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Index = NDArray[np.intp]
 #: what may be asked for, and its unit
 QUANTITIES = {"displacement": "m/N", "velocity": "m/(N s)", "transmissibility": "1"}
 #: ways to solve

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError, PrecisionError, brief
 from granphon.base.validation import choice, finite_array, finite_list, positive, require
 from granphon.dynamics.zone_quadrature import shortest_vectors
@@ -24,7 +25,6 @@ from granphon.waves.chebyshev import Kernel, Moments, Refinable, keeps_vectors
 from granphon.waves.operator import WaveOperator
 from granphon.waves.settings import POLARISATIONS
 
-Array = NDArray[np.float64]
 #: largest deviation of q . L / 2 pi from a whole number that is put down to rounding
 _WHOLE = 1e-6
 #: largest phase of a wave across a network, rad: of a larger one no digit within a turn is left

@@ -14,16 +14,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.base.arrays import Array, Complex
 from granphon.base.errors import InputError
 from granphon.base.results import Result
 from granphon.base.validation import frequency_array
-from granphon.dynamics.bloch_waves import BlochWaves, Complex, Couplings, find_bloch_waves
+from granphon.dynamics.bloch_waves import BlochWaves, Couplings, find_bloch_waves
 from granphon.dynamics.damping import ContactDamping
 from granphon.dynamics.half_space import HalfSpace
 from granphon.networks.network import given_network
 from granphon.waves.operator import WaveOperator
 
-Array = NDArray[np.float64]
 #: distance, over the diameter, up to which a ball of the strip stands where one of a lead would
 _THERE = 0.1
 #: relative difference of periods along the layers that fit

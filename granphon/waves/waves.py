@@ -9,9 +9,9 @@ from functools import cached_property, wraps
 from inspect import signature
 from typing import Any, Concatenate, ParamSpec
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.text import counted
 from granphon.base.validation import whole_number
@@ -26,7 +26,6 @@ from granphon.waves.pulses import Pulse, PulseSource, transmit
 from granphon.waves.response import TOLERANCE, Response, find_response
 from granphon.waves.spectral_functions import PlaneWaves, SpectralFunction, nearest_wavevectors
 
-Array = NDArray[np.float64]
 P = ParamSpec("P")
 
 
