@@ -444,10 +444,7 @@ class Plan:
         wanted = self.waves
         if wanted is None or (wanted.spectrum is None and wanted.pulse is None and not wanted.of_networks):
             return
-        from granphon.runs.wave_records import (
-            require_network,  # imported here: not all scenes need it
-            require_waves,
-        )
+        from granphon.runs.wave_records import require_network, require_waves  # imported here: not all scenes need it
 
         for one in self.few:
             for block in wanted.of_networks:
@@ -574,17 +571,15 @@ class Plan:
             total = add_up(each, lambda cost: cost.known)
         smaller = "Take fewer balls (medium.simulation.shape), fewer wave vectors or a coarser resolution (spectrum)"
         waves = (("medium",), smaller, replace(total, parts=total.parts[:1]))
-        if (motion := self._asked("motion")) is not None:
-            moved = [_estimate_motion(one, motion) for case in self.few for one in case.serving_media]
-            total = add_up([cost for cost in moved if cost is not None], lambda cost: cost.known)
-            mend = "Take fewer balls (motion.repeat, motion.cut), a shorter motion.duration or fewer motion.frames"
-            out.append((("motion",), mend, replace(total, parts=total.parts[:1])))
-
-        if self.response is not None and "response" in self.observe:
-            heard = [_estimate_response(one, self.response) for case in self.few for one in case.serving_media]
-            total = add_up([cost for cost in heard if cost is not None], lambda cost: cost.known)
-            mend = "Take fewer balls (response.repeat, response.cut) or frequencies, or more damping"
-            out.append((("response",), mend, replace(total, parts=total.parts[:1])))
+        for block, estimate, mend in (
+            ("motion", _estimate_motion, "a shorter motion.duration or fewer motion.frames"),
+            ("response", _estimate_response, "fewer response.frequencies, or give more damping"),
+        ):
+            if (wanted := self._asked(block)) is not None:
+                known = [estimate(one, wanted) for case in self.few for one in case.serving_media]
+                total = add_up([cost for cost in known if cost is not None], lambda cost: cost.known)
+                mend = f"Take fewer balls ({block}.repeat, {block}.cut), {mend}"
+                out.append(((block,), mend, replace(total, parts=total.parts[:1])))
 
         branches = structure.n_balls * self.packing.ball_motions.count
         points = self.band_points * sum(len(path) - 1 for path in self.path.paths) if "bands" in seen else 0
@@ -715,10 +710,7 @@ def _estimate_response(serving: ServingMedium, wanted: ResponseSettings) -> Cost
 
 def _estimate_motion(serving: ServingMedium, wanted: MotionSettings) -> Cost | None:
     """Estimate memory and time of the motions of a medium at all its loads; None if no state of it is quickly found."""
-    from granphon.runs.wave_records import (
-        find_typical_state,
-        make_waves,  # imported here: other scenes do not need it
-    )
+    from granphon.runs.wave_records import find_typical_state, make_waves  # imported here: other scenes do not need it
     from granphon.waves.operator import WaveOperator
 
     if (state := find_typical_state(serving)) is None:

@@ -398,7 +398,13 @@ class ResponseWork:
     def least(self) -> Array:
         """(n_f,) the least eta + omega tau of all springs."""
         losses, times = self.of_rows
-        return np.asarray(np.min(losses + self.omega[:, None] * times, axis=1))
+        return np.array([np.min(losses + omega * times) for omega in self.omega.tolist()])
+
+    @cached_property
+    def distance(self) -> Array:
+        """(n_f,) of omega^2 from all d (1 + i g'), 0 <= d <= top^2 and g' >= g, over top^2; none if it is not above zero."""
+        square = (self.omega / self.operator.top) ** 2
+        return np.asarray(np.maximum(square * self.least / np.hypot(1.0, self.least), square - 1.0))
 
     @property
     def is_strong(self) -> bool:
@@ -439,11 +445,10 @@ class ResponseWork:
         """
         w, n, d = self.omega / self.operator.top, self.operator.size, self.operator.network.dimension
         pace = 2.0 * np.abs(np.arccos(w / np.sqrt(1.0 + 1j * self.least)).imag)
-        distance = np.maximum(w**2 * self.least / np.hypot(1.0, self.least), w**2 - 1.0)
-        found, known = np.full(w.shape, np.inf), (distance > 0.0) & (pace > 0.0)
+        found, known = np.full(w.shape, np.inf), (self.distance > 0.0) & (pace > 0.0)
         if not self.is_strong:
             pace += 2.0 * _MODE_PACE / np.maximum(n ** (1.0 / d), n * d * w ** (d - 1))
-        found[known] = np.log(np.maximum(1.0 / distance[known], 1.0) / self.tolerance) / pace[known]
+        found[known] = np.log(np.maximum(1.0 / self.distance[known], 1.0) / self.tolerance) / pace[known]
         return found * (_INCOMPLETE if self.is_strong else _SYMMETRIC if self.has_order_one else 1.0)
 
     def choose(self, method: str | None) -> tuple[NDArray[np.bool_], float]:
@@ -545,11 +550,8 @@ class _Problem:
             return self._make_first_order(work)
         top = operator.top**2
         if even is None:
-            distance = np.maximum(omega**2 * work.least / np.hypot(1.0, work.least), omega**2 - top)
-            start = self.drives[0] + 1j * self.drives[1]
-            return _Space(
-                operator.make_lossy_product(losses), np.dot, start, omega**2, np.ones(omega.size), _invert(distance)
-            )
+            start, bound = self.drives[0] + 1j * self.drives[1], _invert(top * work.distance)
+            return _Space(operator.make_lossy_product(losses), np.dot, start, omega**2, np.ones(omega.size), bound)
         scale = 1.0 + 1j * (even[0] + omega * even[1])
         shifts = omega**2 / scale
         distance = np.hypot(shifts.imag, np.maximum(np.maximum(shifts.real - top, -shifts.real), 0.0))
@@ -575,11 +577,9 @@ class _Problem:
             start = np.concatenate([-parts.pull(viscous * self.stretched), top * spring * self.stretched])
         else:
             start = np.concatenate([self.drives[0], np.zeros(spring.size, complex)])
-        distance = np.maximum(w**2 * work.least / np.hypot(1.0, work.least), w**2 - 1.0)
         scale: Any = -1.0 / top * (np.ones(w.size) if self.moved else _invert(1j * omega))
-        reach = np.where(
-            w > 0.0, (w + math.sqrt(math.hypot(1.0, float(np.max(work.of_rows[0]))))) * _invert(distance), np.inf
-        )
+        largest = math.sqrt(math.hypot(1.0, float(np.max(work.of_rows[0]))))
+        reach = np.where(w > 0.0, (w + largest) * _invert(work.distance), np.inf)
         if work.is_strong:
             return _Space(apply, np.vdot, start, 1j * w, scale, reach)
         told = 1j * (scale / (1.0 + w))[:, None] * self._listen(start)

@@ -131,7 +131,7 @@ def responses() -> list[Row]:
         large = f"response of {SIDE}x{SIDE} balls at 200 frequencies, loss factor {loss}"
         rows.append(Row(f"{large}: processor time", run["busy"], "s", 120.0))
         rows.append(Row(f"{large}: time of a step, over that of a product", run["products"], "", 8.0))
-        rows.append(Row(f"{large}: peak memory of the process", run["GiB"], "GiB", 2.5))
+        rows.append(Row(f"{large}: peak memory of the process", run["GiB"], "GiB", 1.5))
     return rows
 
 
