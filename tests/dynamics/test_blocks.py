@@ -424,3 +424,29 @@ def test_chain_in_closed_form_at_every_size(size, bending, torsion, eta):
     without = make("chain", ALL, eta).frequencies([[size]])[0]
     pair = math.sqrt(eta * (4 * s**2 + 10 * c**2))
     assert_allclose(without, [0.0, 0.0, 0.0, *sorted([2 * s, pair, pair])], rtol=4e-15)
+
+
+@pytest.mark.parametrize("name", ["chain", "square", "honeycomb"])
+def test_a_larger_cell_has_as_many_free_branches_for_each_ball(name):
+    one = make(name)
+    cell = one.cell.copy()
+    cell[0] *= 2.0
+    lattice = gp.Lattice("double", cell.tolist(), double_sites(one).tolist())
+    two = make(lattice)
+    assert two.free_branches == 2 * one.free_branches
+    q = scatter(one, 5)
+    folded = np.sort(np.concatenate([one.frequencies(q), one.frequencies(q + two.reciprocal[0])], axis=1), axis=1)
+    assert_allclose(two.frequencies(q), folded, atol=2e-14)
+    assert np.all(np.count_nonzero(two.frequencies(q) == 0.0, axis=1) == two.free_branches)
+
+
+def double_sites(lattice):
+    fractions = lattice.positions[:, : lattice.periods] @ np.linalg.inv(lattice.cell[:, : lattice.periods])
+    shift = np.eye(lattice.periods)[0]
+    return np.concatenate([fractions, fractions + shift]) / (1.0 + shift)
+
+
+def test_a_line_and_a_crystal_have_no_plane():
+    for name in ("chain", "fcc"):
+        modes = make(name, ALL).modes([GENERIC[1 if name == "chain" else 3]])
+        assert np.all(modes.out_of_plane_fraction == 0.0)

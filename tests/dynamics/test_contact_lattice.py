@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import mpmath
 import numpy as np
 import pytest
 from hypothesis import assume, given
@@ -244,3 +245,39 @@ def test_what_decouples_in_a_larger_cell_is_no_mechanism_and_what_couples_is():
     honeycomb = gp.Lattice("double", double, ((1 / 6, 2 / 3), (2 / 3, 2 / 3), (1 / 3, 1 / 3), (5 / 6, 1 / 3)))
     with pytest.raises(MechanismError, match="gears"):
         gp.ContactLattice.of(honeycomb, 0.84).require_rigid()
+
+
+@pytest.mark.claim("bands-and-group-velocities")
+def test_bands_at_forty_digits(twin):
+    rng = np.random.default_rng(0)
+    lattice = gp.ContactLattice.of("triangular", ETA)
+    with mpmath.workdps(40):
+        for q in rng.uniform(-7, 7, (20, 2)):
+            exact = twin.exact_squares(twin.exact_hexagon(), [mpmath.mpf(x) for x in q], mpmath.mpf(ETA))
+            for value, square in zip(lattice.frequencies([q])[0], exact, strict=True):
+                assert abs(value / mpmath.sqrt(square) - 1) < 3e-15
+
+
+def test_square_without_friction_shears_at_no_cost():
+    with pytest.raises(MechanismError, match=r"square is a mechanism.*2xy\) = \(0, 0, 1\).*friction"):
+        gp.ContactLattice.of("square", 0.0).require_rigid()
+
+
+def test_mechanism_is_an_error_of_the_observables(steel):
+    loose = gp.Packing(steel, 8e-3, lattice="square", friction=False)
+    with pytest.raises(MechanismError):
+        gp.sound_velocities(gp.AveragedLattice(loose).at_force(1.0), direction=(1, 0))
+
+
+def test_two_ball_supercell_folds_velocities_and_prestress():
+    pair = gp.Lattice("pairs", ((2.0, 0.0), HEXAGON[1]), ((0.0, 0.0), (0.5, 0.0)))
+    q = np.array([0.83, 0.41])
+    for terms in ((1.0, 0.0), (0.95, 0.02)):
+        one, two = gp.ContactLattice.of("triangular", ETA, *terms), gp.ContactLattice.of(pair, ETA, *terms)
+        singles = one.modes([q, q + two.reciprocal[0]])
+        order = np.argsort(singles.frequencies.ravel())
+        modes = two.modes([q])
+        assert_allclose(modes.frequencies[0], singles.frequencies.ravel()[order], rtol=1e-13)
+        assert_allclose(modes.group_velocities[0], singles.group_velocities.reshape(-1, 2)[order], atol=1e-12)
+        assert_allclose(modes.rotational_fraction[0], singles.rotational_fraction.ravel()[order], atol=1e-12)
+        assert_allclose(two.gradient_stiffness() / 2, one.gradient_stiffness(), atol=1e-13)

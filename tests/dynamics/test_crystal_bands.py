@@ -647,3 +647,95 @@ def test_modes_in_the_next_zone_have_the_phase_of_their_wave_vector(name):
     modes = lattice.modes([q + shift])
     vectors = modes.eigenvectors[0]
     assert_allclose(matrix @ vectors, vectors * modes.frequencies[0] ** 2, atol=1e-12)
+
+
+@pytest.mark.parametrize("ratios", RATIOS)
+@pytest.mark.parametrize(("name", "contacts"), [("sc", 6), ("bcc", 8), ("fcc", 12)])
+def test_rotations_of_cubic_crystals_at_gamma(name, contacts, ratios):
+    # s = 0, c = 1: 10 eta Sum T, and Sum T is 2/3 of half the contacts by cubic symmetry; twist and roll do not matter
+    expected = [0, 0, 0, *[10 * ratios[0] * contacts / 3] * 3]
+    assert_allclose(squares(name, ratios, np.zeros((1, 3)))[0], expected, rtol=1e-14, atol=1e-28)
+
+
+@pytest.mark.parametrize("ratios", RATIOS)
+def test_corners_with_quarter_turns(ratios):
+    # bcc at P: theta = 3 pi/2, and pi/2 three times: s^2 = c^2 = 1/2, Sum P = 4/3, and Sum sin(theta) n = 0.
+    # fcc at W: s^2 = 1/2 for [1, +-1, 0] (sin = -1, 1) and [0, 1, +-1] (sin = 1), 1 for [1, 0, +-1]. Sum s^2 P =
+    # (3/2, 1, 3/2), Sum c^2 P = (1/2, 1, 1/2), Sum s^2 = 4, Sum c^2 = 2, and Sum sin(theta) n = 0
+    eta, tau, beta = ratios
+    for name, fractions, sines, total, cosines, rest in (
+        ("bcc", (0.25, 0.25, 0.25), [2 / 3] * 3, 2, [2 / 3] * 3, 2),
+        ("fcc", (0.5, 0.25, 0.75), [1.5, 1, 1.5], 4, [0.5, 1, 0.5], 2),
+    ):
+        p, c = np.array(sines), np.array(cosines)
+        moved, turned = 4 * (p + eta * (total - p)), 10 * (eta * (rest - c) + 4 * (tau * p + beta * (total - p)))
+        lattice = lattice_of(name, ratios)
+        found = lattice.frequencies(lattice.wavevectors([fractions]))[0] ** 2
+        assert_allclose(found, np.sort([*moved, *turned]), rtol=1e-13)
+
+
+@pytest.mark.parametrize("ratios", RATIOS)
+def test_simple_cubic_along_an_edge(ratios):
+    # n = x moves, y and z do not: u_x, w_x alone, and u_y with w_z: v = sqrt(10) eta sin q
+    eta, tau, beta = ratios
+    s, c = half_angles(X)
+    across = pair(4 * eta * s, 10 * (eta + eta * c + 4 * beta * s), 40 * eta**2 * s * c)
+    expected = in_order([4 * s, 20 * eta + 40 * tau * s, *across, *across])
+    assert_allclose(squares("sc", ratios, X[:, None] * [0, 0, 1]), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("ratios", RATIOS)
+def test_body_centred_cubic_along_an_edge(ratios):
+    # theta = q/sqrt(3) for all four, Sum P = 4/3, Sum T = 8/3, v = sqrt(10) eta (4/sqrt(3)) sin(theta)
+    eta, tau, beta = ratios
+    s, c = half_angles(X / ROOT3)
+    moved, turned = 16 / 3 * (1 + 2 * eta) * s, 80 / 3 * (eta * c + 2 * (tau + 2 * beta) * s)
+    across = pair(moved, turned, 640 / 3 * eta**2 * s * c)
+    assert_allclose(squares("bcc", ratios, X[:, None] * [0, 1, 0]), in_order([moved, turned, *across, *across]), rtol=1e-12)
+
+
+def test_corner_k_of_face_centred_cubic():
+    lattice = lattice_of("fcc", EVERY)
+    found = lattice.frequencies(lattice.wavevectors([(3 / 8, 3 / 8, 3 / 4)]))[0] ** 2
+    assert_allclose(found, fcc_along_a_contact(np.array([1.5 * math.pi]), EVERY)[0], rtol=1e-13)
+
+
+def test_curvature_of_the_rotational_branches_elsewhere():
+    # s^2 = q^2/4 in sc, where w_x does not change, and w_y loses 10 eta s^2 and gains 40 eta^2 s^2 over 20 eta;
+    # s^2 = q^2/12 in bcc, where both lose 80/3 eta s^2, and w_y gains 640/3 eta^2 s^2 over 80/3 eta
+    q, eta = 1e-3, SHEAR[0]
+    for name, level, expected in (("sc", 20, (-2.0, -2.0, 0.0)), ("bcc", 80 / 3, (-20 / 9, -14 / 9, -14 / 9))):
+        found = squares(name, SHEAR, [[q, 0, 0]])[0, 3:]
+        assert_allclose((found - level * eta) / (eta * q**2), expected, atol=3e-4)
+
+
+@given(
+    q=fractions_of, ratios=some_ratios, order=st.permutations([0, 1, 2]), signs=st.tuples(*[st.sampled_from([-1, 1])] * 3)
+)
+def test_cubic_crystals_have_cubic_symmetry(q, ratios, order, signs):
+    cartesian = 3.0 * np.array(q)
+    image = (np.array(signs) * cartesian)[list(order)]
+    for name in ("sc", "bcc", "fcc", "diamond"):
+        one, other = squares(name, ratios, [cartesian, image])
+        assert_allclose(other, one, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("ratios", RATIOS)
+def test_share_of_rotation_along_an_axis_of_fcc(ratios):
+    # of the pair ((a, x), (x*, b)) the mode of the square z has |w|^2 = |x|^2 / (|x|^2 + (z - b)^2)
+    eta, tau, beta = ratios
+    s, c = half_angles(X / ROOT2)
+    a, b = 4 * (1 + 3 * eta) * s, 10 * (eta * (1 + 3 * c) + 4 * (tau + 3 * beta) * s)
+    coupling = 320 * eta**2 * s * c
+    shares = [(z - a) ** 2 / (coupling + (z - a) ** 2) for z in pair(a, b, coupling)]
+    lattice = lattice_of("fcc", ratios)
+    for x, *expected in zip(X[:-1], *shares, strict=False):
+        modes = lattice.modes([[x, 0, 0]])
+        both = np.array([expected[0]] * 2 + [expected[1]] * 2)
+        assert_allclose(np.sort(modes.rotational_fraction[0]), np.sort([0, 1, *both]), atol=1e-12)
+        # one branch is longitudinal, 8 (1 + eta) s^2, and one a spin about [100]
+        ahead = int(np.argmax(modes.longitudinal_fraction[0]))
+        assert modes.longitudinal_fraction[0, ahead] == pytest.approx(1.0, rel=1e-12)
+        assert modes.longitudinal_fraction[0].sum() == pytest.approx(1.0, rel=1e-12)
+        top = 8 * (1 + eta) * math.sin(x / math.sqrt(8)) ** 2
+        assert modes.frequencies[0, ahead] ** 2 == pytest.approx(top, rel=1e-12)

@@ -268,3 +268,27 @@ def test_velocities_and_moduli_at_every_size_and_load(diameter, load, sigma, fri
             ((velocities.longitudinal / velocities.transverse) ** 2, (3 + eta) / (1 + eta)),  # 49
         ):
             assert abs(found / exact - 1) < 1e-13
+
+
+@pytest.mark.parametrize("eta", [ETA, 0.0])
+@pytest.mark.parametrize("q", [1e-12, 1e-9, 1e-6])
+def test_acoustic_branches_at_finite_overlap_keep_eight_digits(eta, q):
+    terms = {"spacing": 0.99, "prestress": 2 / 3 * 0.01 / 0.99}
+    contacts = gp.ContactLattice.of("triangular", eta, **terms)
+    along = np.array([0.6, 0.8])
+    expected = np.sort(contacts.sound_velocities(along)[0])
+    assert_allclose(contacts.frequencies([q * along])[0, :2] / q, expected, rtol=1e-8)
+
+
+@pytest.mark.parametrize("lattice", ["square", "kagome"])
+def test_prestress_of_other_lattices_against_the_bands(steel, lattice):
+    # the slope of the bands at Gamma is the sound velocity
+    state = gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice=lattice)).at_overlap(0.02 * 8e-3, finite_overlap=True)
+    delta = 0.02
+    contacts = gp.ContactLattice.of(lattice, ETA, 1 - delta, 2 / 3 * delta / (1 - delta))
+    unit = 8e-3 * math.sqrt(state.normal_stiffness / state.packing.mass)
+    for angle in (0.0, 0.4, math.pi / 4):
+        along = np.array([math.cos(angle), math.sin(angle)])
+        found = gp.sound_velocities(state, along)
+        slopes = contacts.frequencies([1e-6 * along])[0, :2] / 1e-6 * unit
+        assert_allclose(np.sort([found.longitudinal, found.transverse]), slopes, rtol=1e-8)

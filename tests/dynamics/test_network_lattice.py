@@ -199,3 +199,37 @@ def test_networks_that_have_no_lattice_are_refused():
         gp.ContactLattice.from_network(hold(network, [0])).sound_velocities((1.0, 0.0))
     with pytest.raises(InputError, match="no ball that moves, or no contact"):
         gp.ContactLattice.from_network(hold(network, np.arange(9)))
+
+
+PACKINGS = [
+    ("chain", {}), ("chain", {"motions": "all", "torsion": 0.1}), ("triangular", {}), ("triangular", {"friction": False}),
+    ("triangular", {"motions": "all", "torsion": 0.07, "bending": 0.03}), ("square", {}), ("honeycomb", {}),
+    ("kagome", {"motions": "out_of_plane"}), ("sc", {}), ("bcc", {}), ("fcc", {}), ("hcp", {"torsion": "mindlin"}),
+    ("diamond", {}),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "finite_overlap"),
+    [(*one, finite) for one in PACKINGS for finite in (False, True) if not (finite and "motions" in one[1])],  # these buckle
+    ids=str,
+)
+def test_the_network_of_a_state_has_the_numbers_of_its_lattice(name, options, finite_overlap):
+    state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice=name, **options)).at_force(
+        10.0, finite_overlap=finite_overlap
+    )
+    own, found = state.contact_lattice(), gp.ContactLattice.from_network(state.network)
+    assert state.network.scales == state.scales
+    assert found.motions == own.motions
+    assert found.free_branches == own.free_branches
+    q = np.random.default_rng(1).uniform(-4.0, 4.0, (10, own.periods))
+    q[0] = 1e-9 * q[0]
+    q[1] = 0.0
+    one, two = own.frequencies(q), found.frequencies(q)
+    assert_allclose(two, one, rtol=1e-12, atol=1e-14 * np.max(one))
+    assert bool(found.mechanism) == bool(own.mechanism)
+    if not own.mechanism and not (finite_overlap and name in ("square", "chain")):
+        assert_allclose(found.sound_velocities(q[2:])[0], own.sound_velocities(q[2:])[0], rtol=1e-12, atol=1e-14)
+        if "longitudinal" in own.wave_names:
+            tensor = own.elastic_tensor()
+            assert_allclose(found.elastic_tensor(), tensor, rtol=0.0, atol=1e-13 * np.max(tensor))

@@ -775,3 +775,58 @@ def test_twist_wave_is_there_where_balls_turn_about_a_chain():
         assert gp.sound_velocities(gp.AveragedLattice(gp.Packing(steel, D, **more)).at_force(10.0)).twist is None
     plane = gp.Packing(steel, D, motions="all", torsion=0.1)
     assert gp.sound_velocities(gp.AveragedLattice(plane).at_force(10.0)).twist is None
+
+
+def relaxed_tensor(lattice, eta, torsion=0.0, bending=0.0):
+    """Elastic tensor in units of k/d by a dense energy in strains, shifts and rotations of the balls of a cell.
+
+    Each contact is written out in vectors; every pair is met from both ends, and counts half.
+    """
+    cell, sites = np.array(lattice.cell), np.array(lattice.positions)
+    n, rows = len(sites), []
+    units = np.zeros((6, 3, 3))
+    for c, (a, b) in enumerate([(0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)]):
+        units[c, a, b] += 0.5
+        units[c, b, a] += 0.5
+    for i, j in itertools.product(range(n), repeat=2):
+        for steps in itertools.product(range(-2, 3), repeat=3):
+            r = sites[j] + np.array(steps) @ cell - sites[i]
+            if abs(np.linalg.norm(r) - 1.0) > 1e-9:
+                continue
+            shift, turn_i, turn_j = np.zeros((3, 6 + 6 * n)), np.zeros((3, 6 + 6 * n)), np.zeros((3, 6 + 6 * n))
+            shift[:, :6] = np.einsum("cab,b->ac", units, r)
+            shift[:, 6 + 3 * j : 9 + 3 * j] += np.eye(3)
+            shift[:, 6 + 3 * i : 9 + 3 * i] -= np.eye(3)
+            turn_i[:, 6 + 3 * n + 3 * i : 9 + 3 * n + 3 * i] = np.eye(3)
+            turn_j[:, 6 + 3 * n + 3 * j : 9 + 3 * n + 3 * j] = np.eye(3)
+            across, along = np.eye(3) - np.outer(r, r), r[None]
+            spin = np.cross((turn_i + turn_j).T / 2.0, r).T
+            for weight, deformation in (
+                (1.0, along @ shift),
+                (eta, across @ shift - spin),
+                (torsion, along @ (turn_j - turn_i)),
+                (bending, across @ (turn_j - turn_i)),
+            ):
+                rows.append(math.sqrt(0.5 * weight) * deformation)
+    c = np.concatenate(rows)
+    strain, inner = c[:, :6], c[:, 6:]
+    rest = strain - inner @ np.linalg.lstsq(inner, strain, rcond=1e-12)[0]
+    return rest.T @ rest / abs(np.linalg.det(cell))
+
+
+@pytest.mark.parametrize(
+    ("lattice", "eta", "torsion", "bending"),
+    [("hcp", ETA, 0.0, 0.0), ("hcp", 0.0, 0.0, 0.0), ("hcp", 0.4, 0.05, 0.2), ("hcp", 0.0, 0.3, 0.0), ("bcc", 0.7, 0.1, 0.1),
+     ("fcc", 0.0, 0.0, 0.0), ("diamond", ETA, 0.02, 0.0), ("diamond", ETA, 0.3, 0.7)],
+)  # fmt: skip
+def test_inner_motions_are_relaxed(lattice, eta, torsion, bending):
+    contacts = gp.ContactLattice.of(lattice, eta, torsion=torsion, bending=bending)
+    expected = relaxed_tensor(gp.balls.lattices.find_lattice(lattice), eta, torsion, bending)
+    assert_allclose(contacts.elastic_tensor(), expected, atol=3e-13)
+    if lattice == "hcp":
+        # hexagonal: five constants
+        c11, c12, c13, c33, c44 = expected[0, 0], expected[0, 1], expected[0, 2], expected[2, 2], expected[3, 3]
+        tensor = np.diag([c11, c11, c33, c44, c44, (c11 - c12) / 2])
+        tensor[0, 1] = tensor[1, 0] = c12
+        tensor[:2, 2] = tensor[2, :2] = c13
+        assert_allclose(contacts.elastic_tensor(), tensor, atol=3e-13)

@@ -249,3 +249,28 @@ def test_a_direction_that_is_none_is_one_error(state, direction):
             find(state, direction)
         # what is no array of numbers is told so, as of any argument
         assert ("two finite numbers, x and y, not both zero" in str(told.value)) != ("a real number" in str(told.value))
+
+
+@pytest.mark.parametrize(
+    ("lattice", "finite"),
+    [("triangular", False), ("triangular", True), ("square", False), ("square", True), ("kagome", False)],
+)
+def test_many_directions_are_each_of_them(steel, lattice, finite):
+    medium = gp.AveragedLattice(gp.Packing(steel, 8e-3, lattice=lattice))
+    loads, frequencies = np.array([[18.446], [2000.0]]), np.array([900.0, 3000.0, 5000.0])
+    state = medium.at_force(loads, finite_overlap=finite)
+    many, pulses = gp.sound_velocities(state, 7.0 * MANY), gp.pulse_velocities(state, frequencies, 7.0 * MANY)
+    assert many.longitudinal.shape == many.transverse.shape == (2, 1, 13)
+    assert pulses.group.shape == pulses.phase.shape == pulses.wavenumber.shape == (2, 2, 3, 13)
+    assert pulses.group_vector.shape == (2, 2, 3, 13, 2)
+    assert_allclose(many.direction, MANY, atol=1e-15)
+    for place in (0, 2, 5, 9):
+        direction = MANY[place]
+        one, pulse = gp.sound_velocities(state, direction), gp.pulse_velocities(state, frequencies, direction)
+        for name in NAMES:
+            assert getattr(one, name).shape == (2, 1)
+            assert_allclose(getattr(many, name)[..., place], getattr(one, name), rtol=1e-13)
+        for name in ("phase", "group", "wavenumber"):
+            assert_allclose(getattr(pulses, name)[..., place], getattr(pulse, name), rtol=1e-12)
+        assert_allclose(pulses.group_vector[..., place, :], pulse.group_vector, rtol=1e-9, atol=1e-9 * pulse.group.max())
+        assert_allclose(pulse.group_vector @ pulse.direction, pulse.group, rtol=1e-13)

@@ -10,7 +10,7 @@ import pytest
 import granphon as gp
 from granphon.base.errors import InputError, PrecisionError
 from granphon.phonons.paths import BandPath
-from tests.phonons.conftest import DIAMETER, STEEL, at_force, at_overlap, phonons_of
+from tests.phonons.conftest import DIAMETER, ETA, STEEL, at_force, at_overlap, phonons_of
 
 # -- bands --------------------------------------------------------------------------------------------------------------
 
@@ -389,3 +389,23 @@ def test_an_estimate_grows_with_the_work():
     assert many.text.startswith("bands at 1,000 wave vectors: about ")
     with pytest.raises(InputError, match="points"):
         ph.estimate(0)
+
+
+def test_pure_rotation_of_steel_is_on_top_at_m_and_at_the_bottom_at_k(rough):
+    bands = rough.bands("GKMG", npoints=21)
+    k, m = bands.rotational_fraction[0, -1], bands.rotational_fraction[1, -1]
+    np.testing.assert_allclose(k, [1.0, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(m, [0.0, 0.0, 1.0], atol=1e-12)
+    np.testing.assert_allclose(bands.rotational_fraction[0, 0], [0.0, 0.0, 1.0], atol=1e-12)
+    scale = rough.scales.frequency
+    assert bands.frequencies[0, -1, 0] == pytest.approx(np.sqrt(7.5 * ETA) * scale, rel=1e-12)
+    assert bands.frequencies[1, -1, 2] == pytest.approx(np.sqrt(10.0 * ETA) * scale, rel=1e-12)
+    np.testing.assert_allclose(bands.rotational_fraction.sum(axis=2), 1.0, rtol=1e-12)
+
+
+def test_without_friction_nothing_rotates(smooth):
+    bands = smooth.bands(npoints=5)
+    np.testing.assert_array_equal(bands.rotational_fraction, 0.0)
+    # along Gamma-K motion is along or across q by symmetry
+    share = bands.longitudinal_fraction[0, 1:-1]
+    np.testing.assert_allclose(share * (1.0 - share), 0.0, atol=1e-12)

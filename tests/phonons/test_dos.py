@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
@@ -299,3 +300,24 @@ def test_low_frequencies_follow_debye(phonons, method):
     assert np.mean(ratio) == pytest.approx(1.0, abs=0.02)
     # quadratic beyond: dispersion bends the branches down, so the density rises above the law
     assert 1.0 < dos.total[np.searchsorted(dos.frequencies, 0.25 * top)] / (slope * 0.25 * top) < 1.3
+
+
+def test_mode_count_of_a_fine_mesh(phonons):
+    # second engine: count modes below a frequency on a brute-force mesh, from C(q) alone
+    n = 240
+    grid = (np.stack(np.meshgrid(*[np.arange(n)] * 2), axis=-1).reshape(-1, 2) + 0.5) / n
+    lattice = phonons.lattice
+    values = np.sort((lattice.frequencies(lattice.wavevectors(grid)) * phonons.scales.frequency).ravel())
+    dos = phonons.dos(mesh=(64, 64), points=2001)
+    counted = np.searchsorted(values, dos.frequencies) / len(grid)
+    cumulative = cumulative_trapezoid(dos.total, dos.frequencies, initial=0.0)
+    np.testing.assert_allclose(cumulative, counted, atol=2e-3 * lattice.n_branches)
+
+
+@pytest.mark.parametrize(("lattice", "mesh"), [("chain", (16,)), ("fcc", (4, 4, 4)), ("hcp", (4, 4, 2))], ids=str)
+def test_tables_of_densities_of_states(lattice, mesh, tmp_path):
+    dos = phonons_of(lattice, "all").dos(mesh)
+    dos.write_csv(tmp_path / "dos.csv")
+    assert gp.DensityOfStates.read_csv(tmp_path / "dos.csv") == dos
+    assert gp.DensityOfStates.from_dict(json.loads(json.dumps(dos.to_dict()))) == dos
+    assert f"mesh {' '.join(map(str, mesh))}\n" in (tmp_path / "dos.csv").read_text()

@@ -6,6 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
+from ase.build import make_supercell
 from hypothesis import strategies as st
 from phonopy import Phonopy
 from phonopy.structure.atoms import PhonopyAtoms
@@ -382,3 +383,39 @@ def test_frequencies_are_those_of_forces_and_torques(lattice, motions, options):
     assert found.shape == (len(q), ph.lattice.motions.count * len(ph.atoms))
     np.testing.assert_allclose(found**2, expected, atol=1e-12 * expected.max())
     np.testing.assert_array_equal(ph.frequencies(padded(q)), ph.frequencies(q))
+
+
+@pytest.mark.parametrize("friction", [True, False])
+@both_overlaps
+def test_a_frequency_does_not_depend_on_its_company(friction, finite_overlap):
+    ph = gp.Phonons(at_overlap(friction=friction, finite_overlap=finite_overlap))
+    q = np.array([[0.0, 0.0], [1e-12, 0.0], [1e-6, 2e-6], [0.2, 0.1], [0.5, 0.0]])
+    np.testing.assert_allclose([ph.frequencies([one])[0] for one in q], ph.frequencies(q), rtol=1e-14)
+
+
+def folded(matrix):
+    """The points of the primitive zone that fold on a point q of the supercell ``matrix`` (rows in cells): a function."""
+    matrix = np.asarray(matrix)
+    count = round(abs(np.linalg.det(matrix)))
+    inverse = np.linalg.inv(matrix.astype(float))
+    seen = {}
+    for n in np.ndindex(2 * count + 1, 2 * count + 1):
+        shift = inverse @ np.array(n, float)
+        seen.setdefault(tuple(np.round(shift % 1.0, 9) % 1.0), shift)
+    assert len(seen) == count
+    return lambda q: np.array([inverse @ np.asarray(q) + shift for shift in seen.values()])
+
+
+@pytest.mark.parametrize("matrix", [[[1, 0], [0, 4]], [[3, 0], [0, 5]], [[2, 1], [-1, 3]]], ids=str)
+@pytest.mark.parametrize("friction", [True, False])
+@both_overlaps
+def test_a_skewed_supercell_has_the_folded_bands(matrix, friction, finite_overlap):
+    state = at_overlap(friction=friction, finite_overlap=finite_overlap)
+    one = gp.atoms(state)
+    full = np.eye(3, dtype=int)
+    full[:2, :2] = matrix
+    big = gp.Phonons(state, make_supercell(one, full))
+    small = gp.Phonons(state)
+    for q in ([0.137, -0.291], [0.0, 0.0], [0.5, 0.5]):
+        expected = np.sort(small.frequencies(folded(matrix)(q)).ravel())
+        np.testing.assert_allclose(big.frequencies([q])[0], expected, rtol=0.0, atol=1e-12 * expected.max())

@@ -1307,3 +1307,19 @@ def test_a_small_disk_fills_up(rough, small_disk, count):
         sweep(rough, **arguments, path=small_disk / "sweep.nc")
     assert [path.name for path in small_disk.iterdir()] == [PARTIAL]
     assert 0 < len(parts_in(small_disk)) < max(count, 2)
+
+
+@pytest.fixture(scope="module")
+def rough(steel):
+    """The array of the experiment, with the spread of Section IV."""
+    return gp.Packing(steel, diameter=8e-3, spread=gp.Uniform(WIDTH))
+
+
+@pytest.mark.parametrize(("lattice", "path"), [("square", "GXMG"), ("kagome", "GKMG"), (CHAINED, "GXA1Y")])
+def test_the_path_is_that_of_phonons_on_every_lattice(rough, lattice, path):
+    packing = gp.Packing(rough.material, 8e-3, rough.spread, lattice)
+    ds = sweep(packing, force=5.0, bands=path, npoints=4)
+    bands = Phonons(gp.AveragedLattice(packing).at_force(5.0)).bands(path, npoints=4)
+    assert_array_equal(ds["qpoints"], bands.qpoints)
+    assert_allclose(ds["distances"], bands.distances, rtol=1e-14)
+    assert_allclose(ds["frequencies"][0, 0], bands.frequencies, rtol=1e-12, atol=1e-12 * bands.frequencies.max())
