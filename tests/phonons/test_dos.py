@@ -194,18 +194,23 @@ def test_a_density_of_states_counts_every_motion(lattice, motions, options):
 
 
 @pytest.mark.parametrize(
-    ("lattice", "mesh"), [("chain", (40,)), ("triangular", (12, 12)), ("fcc", (5, 5, 5)), ("hcp", (5, 5, 4))], ids=str
-)
+    ("lattice", "mesh"),
+    [
+        ("chain", (40,)), ("triangular", (12, 12)), pytest.param("fcc", (8, 8, 8), marks=pytest.mark.exhaustive),
+        pytest.param("hcp", (6, 6, 4), marks=pytest.mark.exhaustive),
+    ],
+    ids=str,
+)  # fmt: skip
 def test_densities_are_phonopys(lattice, mesh):
     """Phonopy's density at a frequency is the limit of the mean over an interval, but for steps and poles."""
     ph = phonons_of(lattice, "all", **RESISTED)
-    dos = WholeMesh(ph.state).dos(mesh, points=4001)
+    dos = WholeMesh(ph.state).dos(mesh, points=20001)
     ph.phonopy.run_mesh([*mesh, 1, 1][:3], is_gamma_center=True, is_mesh_symmetry=False)
     at = dos.frequencies / ph.scales.frequency
     run = ph.phonopy.run_total_dos(freq_min=at[0], freq_max=at[-1], freq_pitch=at[1])
     np.testing.assert_allclose(run.frequency_points, at, atol=1e-9)
     away = np.trapezoid(np.abs(run.dos / len(ph.atoms) - dos.total * ph.scales.frequency), at)
-    assert away < 1e-2 * np.trapezoid(dos.total, dos.frequencies)
+    assert away < 5e-3 * np.trapezoid(dos.total, dos.frequencies)
 
 
 def test_modes_of_a_linear_dispersion_in_closed_form():
