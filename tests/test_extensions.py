@@ -39,12 +39,14 @@ def test_an_observable_that_fails_is_named_and_breaks_nothing_else(tmp_path):
     gp.register_observable("broken", "1", "what fails", fails)
     gp.register_observable("crooked", "1", "what has another shape", lambda of: np.zeros(7))
     gp.register_observable("absent", "1", "what no state has", lambda of: None)
+    gp.register_observable("unknown", "1", "what is nan", lambda of: np.nan * of.state.force)
     gp.register_observable("twice", "N", "twice the force", lambda of: 2.0 * of.state.force)
     data = gp.sweep(PACKING, force=[2.0, 9.0], media=("ala", "afa"))
     assert not {"broken", "crooked", "absent"} & set(data)
     np.testing.assert_array_equal(data["twice"], 2.0 * np.tile(data["force"].values[:, None], (1, 2)))
     told = data.attrs["warnings"]
     assert "the observable 'broken' fails: ZeroDivisionError: no such thing; it is left out" in told
+    assert "the observable 'unknown' is not known (nan) at 2 of 2 loads" in told
     assert "'crooked' fails: ValueError: it has the shape (7,), and the load (2,)" in told
     bands = Scene(PACKING, Load("force", (9.0,)), media=("ala",), observe=("twice",))
     assert bands.run(tmp_path / "one", figures=False).summary()["twice"] == 18.0
@@ -160,7 +162,14 @@ def test_a_reader_that_fails_is_named():
         (lambda: gp.register_observable("one", "1", "x", 3), "3 finds no observable"),
         (lambda: gp.register_observable("one", "1", "x", len, cost="bands"), "cost: found 'bands'"),
         (lambda: gp.register_observable("force", "N", "x", len), "the observable 'force' exists already"),
+        *((lambda name=name: gp.register_observable(name, "1", "x", len), f"the name {name!r}. Give a word")
+          for name in ("load", "medium", "dos", "motion", "response_frequency")),
         (lambda: gp.register_law("mine", object()), "is no contact law"),
+        (lambda: gp.register_law("my law", Soft, part=""), "cannot have 'my law'"),
+        (lambda: gp.register_law("mine", Soft, part="furlong"), "cannot have 'furlong'"),
+        (lambda: gp.register_law("mine", Soft), "'mine' is not made of nothing: missing"),
+        (lambda: gp.register_law("mine", Soft, other=""), "'mine' is not made of other"),
+        (lambda: gp.register_lattice(gp.Lattice("nacl", ((1, 0), (0, 1)))), "'nacl' exists already"),
         (lambda: gp.register_law("mine", Soft(1.0), part=""), "'mine' is made already"),
         (lambda: gp.register_lattice("fcc"), "'fcc' is no lattice"),
         (lambda: gp.register_medium(gp.Packing), "is no medium"),

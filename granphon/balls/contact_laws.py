@@ -12,6 +12,7 @@ adhesion w of the two surfaces, J/m^2.
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -25,9 +26,9 @@ from granphon.balls.ball import Body, ContactConstants
 from granphon.balls.hertz import ENERGY, FORCE, SLOPE, STIFFNESS, EnergyLaw, HertzLaw, require_pushing
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
-from granphon.base.quantities import ADHESION, LOADS, Quantity
+from granphon.base.quantities import ADHESION, LOADS, Quantity, is_si
 from granphon.base.registry import Registry
-from granphon.base.validation import Rule, above_zero, choice, not_negative, number, positive, real_array, require
+from granphon.base.validation import Rule, above_zero, choice, label, not_negative, number, positive, real_array, require
 
 #: overlaps, over the radius of a contact, at which a user's law is compared with its derivatives
 _PROBES = np.array([1e-6, 1e-5, 1e-4, 1e-3])
@@ -508,18 +509,29 @@ def register_law(name: str, law: Any, **units: str) -> Any:
     name : the name.
     law : a law, with ``between(ball, ball)`` or the methods of a :class:`PairLaw`; or a class of laws that takes numbers.
     units : the SI unit of each number that the class takes, which a scene gives as ``law: {name: {number: "5 N/m"}}``; ""
-        for a number without a unit. The law keeps each number in an attribute of the same name.
+        or "1" for a number without a unit. The law keeps each number in an attribute of the same name.
 
     Returns ``law``. It is compared with its derivatives when a crystal has it. Raises :class:`InputError` for what is no
-    law, for units without a class, and for a name that is taken.
+    law, for units that are not those of the numbers of a class, and for a name that is taken or has a space.
     """
     if not (callable(getattr(law, "between", None)) or all(callable(getattr(law, one, None)) for one in _METHODS)):
         mend = f"Give it the method between(ball, ball), or {', '.join(_METHODS)}"
         raise InputError(f"{brief(law)} is no contact law", mend=mend)
     if units and not isinstance(law, type):
         raise InputError(f"the contact law {name!r} is made already", mend="Give its class, or no units")
+    require("the name of a contact law", label, name)
+    if wrong := [*[name] * (" " in name), *(unit for unit in units.values() if unit and not is_si(unit))]:
+        mend = "Give a name without spaces, and units of SI"
+        raise InputError(f"a contact law cannot have {brief(wrong[0])}", mend=mend)
+    try:
+        _ = isinstance(law, type) and inspect.signature(law).bind(**units)
+    except TypeError as error:
+        what = f"the contact law {name!r} is not made of {', '.join(units) or 'nothing'}: {error}"
+        raise InputError(what, mend="Name the unit of each number that the class takes") from None
     plain = partial(number, low=-1e300, high=1e300)
-    rules = {key: Quantity(key, unit, f"1 {unit}", unit, "any") if unit else plain for key, unit in units.items()}
+    rules = {
+        key: plain if unit in ("", "1") else Quantity(key, unit, f"1 {unit}", unit, "any") for key, unit in units.items()
+    }
     LAWS.add(name, NamedLaw(law, rules), law)
     return law
 

@@ -261,6 +261,8 @@ def register_lattice(lattice: Lattice) -> Lattice:
     """
     if not isinstance(lattice, Lattice):
         raise InputError(f"{brief(lattice)} is no lattice", mend="Give a granphon.Lattice")
+    if name_structure(lattice.name) is not None:
+        raise InputError(f"the lattice {lattice.name!r} exists already, of granphon", mend="Give another name")
     return LATTICES.add(lattice.name, lattice, lattice)
 
 
@@ -277,12 +279,15 @@ def find_lattice(lattice: str | Lattice, known: Iterable[str] = LATTICES) -> Lat
     raise InputError(f"unknown lattice {brief(lattice)}", LATTICES.failures, mend)
 
 
+def name_structure(name: Any) -> str | None:
+    """Return which of NaCl, CsCl and zincblende a name is, in any case of letters; None of others."""
+    return {one.lower(): one for one in STRUCTURES}.get(name.lower()) if isinstance(name, str) else None
+
+
 def find_structure(name: str | Lattice) -> Lattice:
-    """Return the lattice of a name, in any case of letters, that of NaCl, CsCl and zincblende among them."""
-    known = {one.lower(): one for one in STRUCTURES}.get(name.lower()) if isinstance(name, str) else None
-    if known is not None:
-        return STRUCTURES[known]
-    return find_lattice(name, [*LATTICES, *STRUCTURES])
+    """Return the lattice of a name, that of NaCl, CsCl and zincblende among them."""
+    known = name_structure(name)
+    return find_lattice(name, [*LATTICES, *STRUCTURES]) if known is None else STRUCTURES[known]
 
 
 def as_direction(direction: ArrayLike, dimension: int = 2) -> Array:

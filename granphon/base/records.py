@@ -37,6 +37,22 @@ def _attributes(values: Mapping[str, str]) -> bytes:
     return struct.pack(">ii", _ATTRIBUTES, len(parts)) + b"".join(parts)
 
 
+def hold(file: BinaryIO) -> None:
+    """Lock a file for one writer until it is closed, where the system can.
+
+    Raises :class:`~granphon.base.errors.OutputError` where another has it.
+    """
+    try:
+        from fcntl import LOCK_EX, LOCK_NB, flock
+
+        flock(file, LOCK_EX | LOCK_NB)
+    except BlockingIOError:
+        what = f"another run is writing {file.name}"
+        raise OutputError(what, "Two would mix their frames", "Wait until it ends, or give another file") from None
+    except (ImportError, OSError):
+        return
+
+
 class RecordFile:
     """A file that is being written. What is at the path is replaced.
 
@@ -48,14 +64,15 @@ class RecordFile:
     units : of variables.
     about : texts about the file.
 
-    Raises :class:`~granphon.base.errors.OutputError` where the file cannot be written.
+    Raises :class:`OSError` where the file cannot be written, and :class:`~granphon.base.errors.OutputError` where another
+    run is writing it.
     """
 
     def __init__(
         self, path: str | os.PathLike[str] | BinaryIO, fixed: Mapping[str, tuple[Array, tuple[str, ...]]],
         growing: Mapping[str, tuple[tuple[int, ...], tuple[str, ...]]], units: Mapping[str, str], about: Mapping[str, str],
     ) -> None:  # fmt: skip
-        self.path, self._count, self._growing = path, 0, growing
+        self._count, self._growing = 0, growing
         sizes: dict[str, int] = {"time": 0}
         for shape, names in [*((array.shape, names) for array, names in fixed.values()), *growing.values()]:
             sizes |= dict(zip(names, shape, strict=True))
@@ -76,26 +93,22 @@ class RecordFile:
         for entry, size in parts:
             start += entry + struct.pack(">q", place)
             place += size
-        try:
-            # it is open as long as the object is
-            self._file = open(path, "wb") if isinstance(path, str | os.PathLike) else path  # noqa: SIM115
-            self._file.write(start + b"".join(array.astype(">f8").tobytes() for array, _ in fixed.values()))
-            self._file.flush()
-        except OSError as error:
-            raise OutputError(f"{self.path} cannot be written: {error.strerror}") from None
+        # it is open as long as the object is
+        self._file = open(path, "wb") if isinstance(path, str | os.PathLike) else path  # noqa: SIM115
+        if self._file is not path:
+            hold(self._file)
+        self._file.write(start + b"".join(array.astype(">f8").tobytes() for array, _ in fixed.values()))
+        self._file.flush()
 
     def append(self, values: Mapping[str, Any]) -> None:
         """Write a record; it is in the file when this returns."""
-        try:
-            self._file.write(b"".join(np.asarray(values[name]).astype(">f8").tobytes() for name in self._growing))
-            self._file.flush()
-            self._count += 1
-            self._file.seek(4)
-            self._file.write(struct.pack(">i", self._count))
-            self._file.seek(0, os.SEEK_END)
-            self._file.flush()
-        except OSError as error:
-            raise OutputError(f"{self.path} cannot be written: {error.strerror}") from None
+        self._file.write(b"".join(np.asarray(values[name]).astype(">f8").tobytes() for name in self._growing))
+        self._file.flush()
+        self._count += 1
+        self._file.seek(4)
+        self._file.write(struct.pack(">i", self._count))
+        self._file.seek(0, os.SEEK_END)
+        self._file.flush()
 
     def close(self) -> None:
         """Close the file."""

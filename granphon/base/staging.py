@@ -147,12 +147,12 @@ class ResultFiles:
         self.require_free()
         target, made = self._target, list[Path]()
         try:
-            with _explaining(target):
+            with explaining(target):
                 for missing in [p for p in (target, *target.parents) if not p.exists()][::-1]:
                     missing.mkdir(exist_ok=True)
                     made.append(missing)
             with _hold_lock(target) as alone:
-                with _explaining(target):
+                with explaining(target):
                     _finish(target, alone)
                 # checked again: another run may have written files before the lock was taken
                 self._check()
@@ -171,7 +171,7 @@ class ResultFiles:
         completes it. Raises :class:`~granphon.base.errors.OutputError` for any failure of the file system.
         """
         target, place = self._target, None
-        with _explaining(target):
+        with explaining(target):
             try:
                 place = Path(tempfile.mkdtemp(prefix=PREFIX, dir=target))
                 yield place
@@ -201,7 +201,7 @@ class ResultFiles:
         target = self._target
         if any("\0" in part for part in (str(target), *self.names)):
             raise OutputError(f"{str(target)!r} cannot be written: a null character is part of the name")
-        with _explaining(target):
+        with explaining(target):
             nearest = target
             while not os.path.lexists(nearest) and nearest != nearest.parent:
                 nearest = nearest.parent
@@ -282,15 +282,15 @@ def _name(folder: Path) -> Path:
 
 
 @contextmanager
-def _explaining(target: Path) -> Iterator[None]:
-    """Turn errors of the file system into :class:`~granphon.base.errors.OutputError`."""
+def explaining(target: Path, why: str = "It is left as it was") -> Iterator[None]:
+    """Turn errors of the file system into :class:`~granphon.base.errors.OutputError`; ``why`` says what the file is now."""
     try:
         yield
     except GranphonError:
         raise
     except OSError as error:
         mend = "Free some space, or choose another folder" if error.errno == errno.ENOSPC else "Choose another folder"
-        what, why = f"{_name(target)} cannot be written: {error.strerror or error}", "It is left as it was"
+        what = f"{_name(target)} cannot be written: {error.strerror or error}"
         if os.path.isdir(target / NEW):
             why = f"The files of the new result are in {NEW} there"
             mend = "Any command that uses the folder moves them to their places"
@@ -305,7 +305,7 @@ def _hold_lock(target: Path) -> Iterator[bool]:
     """
     path, same = target / LOCK, False
     while not same:
-        with _explaining(path.parent):
+        with explaining(path.parent):
             descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
         about = os.fstat(descriptor)
         if not stat.S_ISREG(about.st_mode) or about.st_size:
@@ -346,23 +346,33 @@ def write_text(path: StrPath, text: str, replace: bool = False) -> None:
     OutputError : for any other failure of the file system.
     """
     target, data = Path(path), text.encode("utf-8")
+    with explaining(target):
+        if target.is_dir():
+            raise OutputError(f"{target} is a folder", "A file of that name is to be written")
+        if not replace and os.path.lexists(target):
+            with open(target, "rb") as old:
+                there, new = old.read(_HEAD_BYTES), data[:_HEAD_BYTES]
+            alike = b"granphon" in there if b"granphon" in new else there.split(b"\n")[0] == new.split(b"\n")[0]
+            if there and not alike:
+                what = f"{target} is there, and is no such file of granphon"
+                raise FileExistsInRunError(what, mend="Give another name")
+        with put_beside(target) as place, open(place, "xb") as stream:
+            stream.write(data)
+            stream.flush()
+            os.fsync(stream.fileno())
+
+
+@contextmanager
+def put_beside(target: Path) -> Iterator[Path]:
+    """Give the path of a file that takes the place of ``target`` after the block, or is removed if that fails.
+
+    The folder is made if need be. Raises :class:`~granphon.base.errors.OutputError` for a failure of the file system.
+    """
     place = target.with_name(f".granphon-{uuid4().hex}")
-    with _explaining(target):
+    with explaining(target):
         try:
-            if target.is_dir():
-                raise OutputError(f"{target} is a folder", "A file of that name is to be written")
-            if not replace and os.path.lexists(target):
-                with open(target, "rb") as old:
-                    there, new = old.read(_HEAD_BYTES), data[:_HEAD_BYTES]
-                alike = b"granphon" in there if b"granphon" in new else there.split(b"\n")[0] == new.split(b"\n")[0]
-                if there and not alike:
-                    what = f"{target} is there, and is no such file of granphon"
-                    raise FileExistsInRunError(what, mend="Give another name")
             target.parent.mkdir(parents=True, exist_ok=True)
-            with open(place, "xb") as stream:
-                stream.write(data)
-                stream.flush()
-                os.fsync(stream.fileno())
+            yield place
             os.replace(place, target)
         except ValueError as error:  # a null character in the name
             raise OSError(str(error)) from None

@@ -183,8 +183,9 @@ def draw_results(
     """Draw the results of one run, or of several in one figure.
 
     For one run, the figure shows the bands with the density of states beside them (bands.png in the folder, or the file
-    given), the velocities and exponents of a sweep (sweep.png), or a fit (fit.png). A file named spectrum, pulse or
-    sample_dos shows these waves in arrays; for a sweep, the names are sweep_dos and sweep_spectra.
+    given), the velocities and exponents of a sweep (sweep.png), or a fit (fit.png). A file named response
+    or motion shows these; one named spectrum, pulse or sample_dos shows these waves in arrays, and of a sweep sweep_dos
+    and sweep_spectra.
 
     For several runs, or with --x or --data, the figure shows sweeps, single states and fits over the load, with measured
     points (comparison.png in the working folder, or the file given). If all runs hold bands, it shows their bands, one over

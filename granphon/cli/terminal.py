@@ -104,7 +104,8 @@ def write_range(value: Any, unit: str) -> str:
     """Text of a value, or of the least and the greatest of several, as :func:`write_quantity` writes them."""
     import numpy as np  # here alone, so that the command's help needs no numpy
 
-    return " to ".join(write_quantity(end, unit) for end in np.unique([np.min(value), np.max(value)]).tolist())
+    ends = np.unique([np.min(value), np.max(value)]).tolist()
+    return " to ".join(write_quantity(end, unit).removesuffix(" 1") for end in ends)
 
 
 def _write(value: Any, unit: str) -> str:

@@ -355,7 +355,7 @@ class MediumChoice:
     def require_arrays(self, what: str) -> None:
         """Raise :class:`~granphon.base.errors.InputError` unless it simulates arrays, as ``what`` is asked of these."""
         if not self.simulates:
-            said = f"{what} is asked for, and the medium {self.label!r} has no balls that it runs through"
+            said = f"the medium {self.label!r} has no array of balls for {what}"
             raise InputError(said, mend="Take medium: simulation, or in Python gp.Waves of a state's network")
 
     def require_for(self, balls: Balls) -> None:

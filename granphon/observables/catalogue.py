@@ -402,7 +402,7 @@ def register_observable(
     SI, and for a ``find`` that cannot be called.
     """
     good: dict[str, tuple[Any, Callable[[str], bool], str]] = {
-        "name": (name, str.isidentifier, "a word of letters, digits and underscores"),
+        "name": (name, _is_free, "a word of letters, digits and underscores that scenes and data sets do not have yet"),
         "unit": (unit, is_si, 'a unit of SI without a factor, such as "N/m", or "1"'),
         "words": (words, bool, "a text"),
     }
@@ -413,6 +413,12 @@ def register_observable(
     if not callable(find):
         raise InputError(f"{brief(find)} finds no observable", mend="Give a function of an Analysis")
     return CATALOGUE.add(name, Observable(name, unit, words, label, find=find, cost=cost, told=told), find)
+
+
+def _is_free(name: str) -> bool:
+    """Whether a name is a word, and none of a dimension of data sets or of a part that scenes observe."""
+    taken = {word for one in _OBSERVABLES for word in (one.cost, *one.dims)}
+    return name.isidentifier() and name not in taken | {"load", "medium", "gaps", "response", "motion"}
 
 
 #: what parameters are called of a kind of ball
@@ -470,7 +476,10 @@ def _find_added(of: Analysis, one: Observable, observed: Container[str]) -> Any:
             return None
         if np.shape(value) != shape:
             raise ValueError(f"it has the shape {np.shape(value)}, and the load {shape}")
-        return np.asarray(value, float) if shape else float(value)
+        found = np.asarray(value, float) if shape else float(value)
+        if count := np.count_nonzero(np.isnan(found)):
+            of.failed[one.name] = f"{CATALOGUE.describe(one.name)} is not known (nan) at {count} of {np.size(found)} loads"
+        return found
     except Exception as error:
         why = f"{CATALOGUE.describe(one.name)} fails: {type(error).__name__}: {error}"
         if one.name in observed:

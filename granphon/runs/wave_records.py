@@ -139,6 +139,8 @@ def require_network(serving_media: Sequence[ServingMedium], wanted: NetworkSetti
         arrays = serving.arrays
         if (arrays and arrays[0].balls > most) or (state := find_typical_state(serving)) is None:
             continue
+        if wanted.count(arrays[0].balls if arrays else state.network.n_balls) > most:
+            continue
         network = state.network.repeat(arrays[0].cells) if arrays else state.network
         if isinstance(wanted, MotionSettings) and key == "drive":
             PreparedMotion(network if arrays else state, wanted)
@@ -341,12 +343,13 @@ class Passage(NamedTuple):
         cells = np.array(list(product(*([-1, 0, 1] if one else [0] for one in network.pbc))))
         images = (network.positions[source] + (cells @ network.cell)[:, None]).reshape(-1, 3)
         distances = np.asarray(cKDTree(images).query(motion.middles)[0])
-        change = np.abs(motion.forces - motion.forces[0]).max(axis=0)
+        change = np.abs(motion.forces - motion.forces[0])
         least = _STILL * float(change.max(initial=0.0)), _ROUNDING * float(motion.forces[0].max(initial=0.0)), 1e-300
-        moved = change > max(least)
+        moved = change.max(axis=0) > max(least)
         peaks, heights = motion.peaks()
         at = np.argmax(motion.forces, axis=0)
-        arrivals = np.where(moved, motion.arrivals(), np.nan)
+        # of a force that still rises at the end it is not known when half of the change was there
+        arrivals = np.where(moved & (np.argmax(change, axis=0) < len(times) - 1), motion.arrivals(), np.nan)
         peaks = np.where(moved & (at > 0) & (at < len(times) - 1), peaks, np.nan)
         return cls(distances, arrivals, peaks, heights, *(_fit_velocity(distances, one) for one in (arrivals, peaks)))
 
@@ -362,7 +365,8 @@ def _fit_velocity(distances: Array, times: Array) -> float:
     (a, b), (_, c) = np.cov(t, x)
     if not b > _STRAIGHT * math.sqrt(a * c):
         return math.nan
-    curve, slope, _ = np.polyfit((x - np.mean(x)) / far, t, 2) if len(np.unique(x)) > 3 else (0.0, 1.0, 0.0)
+    bends = len(np.unique(np.round(x / far, 9))) > 3
+    curve, slope, _ = np.polyfit((x - np.mean(x)) / far, t, 2) if bends else (0.0, 1.0, 0.0)
     return float(b / a) if abs(curve) * np.ptp(x) / far <= _BENT * abs(slope) else math.nan
 
 

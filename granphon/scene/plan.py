@@ -576,7 +576,8 @@ class Plan:
             ("response", _estimate_response, "fewer response.frequencies, or give more damping"),
         ):
             if (wanted := self._asked(block)) is not None:
-                known = [estimate(one, wanted) for case in self.few for one in case.serving_media]
+                with self.origin.at(block):
+                    known = [estimate(one, wanted) for case in self.few for one in case.serving_media]
                 total = add_up([cost for cost in known if cost is not None], lambda cost: cost.known)
                 mend = f"Take fewer balls ({block}.repeat, {block}.cut), {mend}"
                 out.append(((block,), mend, replace(total, parts=total.parts[:1])))
@@ -615,8 +616,7 @@ class Plan:
                 one.require_for(self.packing)
         # the density of states of one state is that of its lattice, and of a simulation that of the array too
         names = [name for name in WAVES if name in self.observe and (not self.is_single or name != "dos")]
-        several = ", where there are several loads or media or a sweep" * ("dos" in names)
-        arrays = f"{', '.join(names)} of arrays that a medium: simulation makes{several}"
+        arrays = f"{', '.join(names)} of {'one state, or of ' * (names == ['dos'])}arrays that a medium: simulation makes"
         with rules.refusing("".join(names[:1]), arrays, "observe"):
             require_arrays(self.media, dict(self.parameters), names)
         changing = [name for name in dict(self.parameters) if name in ("lattice", "motions")]
@@ -699,7 +699,9 @@ def _estimate_response(serving: ServingMedium, wanted: ResponseSettings) -> Cost
     from granphon.waves.response import ResponseWork
 
     arrays = serving.arrays
-    if (arrays and arrays[0].balls > QUICK_BALLS) or (state := find_typical_state(serving)) is None:
+    if (state := find_typical_state(serving)) is None:
+        return None
+    if wanted.count(arrays[0].balls if arrays else state.network.n_balls) > QUICK_BALLS:
         return None
     network = wanted.shape(state.network.repeat(arrays[0].cells) if arrays else state.network)
     damping = ContactDamping.of(network, wanted.damping, wanted.loss_factor)
@@ -709,19 +711,23 @@ def _estimate_response(serving: ServingMedium, wanted: ResponseSettings) -> Cost
 
 
 def _estimate_motion(serving: ServingMedium, wanted: MotionSettings) -> Cost | None:
-    """Estimate memory and time of the motions of a medium at all its loads; None if no state of it is quickly found."""
+    """Estimate memory and time of the motions of a medium at all its loads; None if no state of it is quickly found.
+
+    Raises :class:`~granphon.base.errors.InputError` for more steps than are made.
+    """
     from granphon.runs.wave_records import find_typical_state, make_waves  # imported here: other scenes do not need it
+    from granphon.waves.nonlinear import require_steps
     from granphon.waves.operator import WaveOperator
 
     if (state := find_typical_state(serving)) is None:
         return None
     network, arrays = state.network, serving.arrays
-    cells = math.prod(wanted.repeat) * math.prod(layers for _, layers, _ in wanted.cut)
-    cells *= math.prod(arrays[0].cells) if arrays else 1
+    cells = wanted.count(math.prod(arrays[0].cells) if arrays else 1)
     # whose contacts are those of the whole array, but for its edges
     few = network.repeat((3,) * sum(network.pbc)) if any(network.pbc) else network
     step = wanted.step or make_waves(state, few, wanted).find_step(max(one.impact or 0.0 for one in wanted.drive))
     each = math.ceil(wanted.duration / (wanted.frames - 1) / step)
+    require_steps(each * (wanted.frames - 1))
     turning = 0 if wanted.geometry == "lattice" else 2 if network.motions in ("longitudinal", "in_plane") else 3
     return costs.motion(
         each * (wanted.frames - 1), len(WaveOperator(network).rows), cells * network.n_balls, cells * network.n_contacts,

@@ -81,7 +81,7 @@ def redraw(
     if variable is not None and not swept:
         raise InputError(f"{source} holds no sweep", "Only a sweep has variables to draw", "Leave variable out")
     block = next((name for name in NETWORK_BLOCKS if name in there), None)
-    if block and swept and out is None and variable is None and "states" not in read_summary(source):
+    if block and swept and stem not in ("sweep", *_OF_SWEEPS) and variable is None and "states" not in read_summary(source):
         kept = block  # a sweep of one state has no line
     kind = wave or (kept if swept else "fit" if fitted else "bands" if "band.yaml" in have else "dos")
     target = source / f"{kind}.png" if out is None else Path(out)
@@ -103,7 +103,7 @@ def redraw(
         if found.dataset is not None:
             scene = source / "scene.yaml"
             seen = read_yaml(scene).get("observe", ()) if scene.is_file() else ()
-            return draw_sweep(found.dataset, target.name, variable, seen)
+            return draw_sweep(found.dataset, target.name if kept == "sweep" else kept, variable, seen)
         lattice = _find_lattice(source) if asymptotes and found.bands is not None else None
         gaps = read_summary(source).get("gaps") if (source / "summary.yaml").is_file() else None
         return bands_figure(found.bands, found.dos, asymptotes=lattice, gaps=gaps or None)

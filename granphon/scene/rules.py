@@ -20,7 +20,7 @@ import numpy as np
 from granphon.balls.ball import Ball
 from granphon.balls.contact_laws import LAWS, TabulatedLaw
 from granphon.balls.diameters import Discrete, Measured, Normal, Uniform
-from granphon.balls.lattices import LATTICES, STRUCTURES, TRIANGULAR, Lattice, as_direction, find_lattice
+from granphon.balls.lattices import LATTICES, STRUCTURES, TRIANGULAR, Lattice, as_direction, find_lattice, name_structure
 from granphon.balls.layers import EDGES, read_axis
 from granphon.balls.material import Material, read_poisson_ratio
 from granphon.balls.motions import allowed_motions
@@ -535,7 +535,7 @@ BALLS = Kind(_read_balls, _write_balls)
 
 
 def _read_structure(value: Any) -> Any:
-    if isinstance(value, str) and (known := {name.lower(): name for name in STRUCTURES}.get(value.lower())):
+    if (known := name_structure(value)) is not None:
         return known
     try:
         return read_lattice(value)

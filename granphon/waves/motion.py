@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from itertools import chain
+from pathlib import Path
 from typing import Any, BinaryIO, Literal, Self
 
 import numpy as np
@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, OutputError, brief
-from granphon.base.records import RecordFile, read_records
+from granphon.base.records import RecordFile, hold, read_records
 from granphon.base.results import Result, plain
+from granphon.base.staging import explaining, put_beside
 from granphon.base.validation import number, positive, require, whole_number
 from granphon.networks.network import ContactNetwork
 
@@ -24,6 +25,8 @@ from granphon.networks.network import ContactNetwork
 _ABOUT = {"format": "granphon motion", "schema": "1"}
 #: least number of frames in a period of the highest harmonic
 _PER_PERIOD = 2.5
+#: what a file holds to which no more can be written
+_KEPT = "It holds the frames that came before"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -111,7 +114,7 @@ class Motion(Result):
         """
         if not hasattr(path, "write"):
             _require_place(path)
-            with _write_beside(path) as beside, open(beside, "wb") as stream:
+            with put_beside(Path(path)) as beside, open(beside, "wb") as stream:
                 self.write(stream)
             return
         names = [name for name, layout in self._shapes.items() if layout[0] == "f"]
@@ -184,6 +187,8 @@ class Motion(Result):
             raise InputError(f"share is {brief(share)}, and a peak has none", mend='Give of="front" too')
         places = self.middles[at] - self.middles[at[0]]
         along = places[-1] if direction is None else np.asarray(direction, float)
+        if direction is None and not np.any(along):
+            raise InputError(f"contacts {brief(contacts)} begin and end at one place", mend="Give contacts along a way")
         if along.shape != (3,) or not 0.0 < (size := float(np.linalg.norm(along))) < np.inf:
             raise InputError(f"direction is {brief(direction)}", mend="Give three numbers, not all zero")
         times = (self.peaks()[0] if of == "peak" else self.arrivals(0.5 if share is None else share))[at]
@@ -238,13 +243,13 @@ class Frames:
     """
 
     def __init__(self, network: ContactNetwork, step: float, path: Any) -> None:
-        self._network, self._step, self._path = network, step, path
+        if path is not None:
+            _require_place(path)
+        self._network, self._step, self._path = network, step, None if path is None else Path(path)
         self._columns: dict[tuple[int, ...], int] = {}
         self._frames: list[dict[str, Any]] = []
         self._file: RecordFile | None = None
         self._count, self.last_time = 0, 0.0
-        if path is not None:
-            _require_place(path)
 
     def __len__(self) -> int:
         return self._count
@@ -253,8 +258,9 @@ class Frames:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._file is not None:
-            self._file.close()
+        if self._file is not None and self._path is not None:
+            with explaining(self._path, _KEPT):
+                self._file.close()
 
     def keep(self, frame: Mapping[str, Any], forces: Array, shears: Array, met: Sequence[tuple[int, ...]]) -> None:
         """Keep a frame. Contacts beyond those of the network, ``met`` (i, j, shift), get a column when they first push."""
@@ -274,14 +280,15 @@ class Frames:
             self._frames.append(whole)
             return
         if self._file is not None and not new:
-            self._file.append(whole)
+            with explaining(self._path, _KEPT):
+                self._file.append(whole)
             return
         # columns are of a fixed number in a file: it is written anew, and then takes the place of the one before
         before = dict[str, Any]()
         if self._file is not None:
             self._file.close()
             before = read_records(self._path, _ABOUT)[0]
-        with _write_beside(self._path) as beside:
+        with put_beside(self._path) as beside:
             self._file = _begin_file(beside, self._network, self._step, self._met, whole)
             for at in range(self._count - 1):
                 self._file.append({name: _pad(before[name][at], np.shape(last)) for name, last in whole.items()})
@@ -304,29 +311,16 @@ class Frames:
 
 
 def _require_place(path: Any) -> None:
-    """Raise unless a motion may be written to a path: there is nothing, or a motion."""
-    if not isinstance(path, str | os.PathLike) or not os.fspath(path):
+    """Raise unless a motion may be written to a path: there is nothing, or a motion that nobody is writing."""
+    if not isinstance(path, str | os.PathLike) or not os.fspath(path) or "\0" in str(path):
         raise InputError(f"the file of a motion is {brief(path)}", mend="Give a path")
     if os.path.exists(path):
         try:
             read_records(path, _ABOUT)
         except InputError:
             raise OutputError(f"{os.fspath(path)} is there, and is no motion of granphon", mend="Give another") from None
-
-
-@contextmanager
-def _write_beside(path: str | os.PathLike[str]) -> Iterator[str]:
-    """Give the path of a file that takes the place of that at ``path`` when it is written; it is removed if that fails."""
-    beside = f"{os.fspath(path)}.new"
-    try:
-        yield beside
-        os.replace(beside, path)
-    except BaseException as error:
-        with suppress(OSError):
-            os.remove(beside)
-        if isinstance(error, OSError) and not isinstance(error, OutputError):
-            raise OutputError(f"{os.fspath(path)} cannot be written: {error.strerror}") from None
-        raise
+        with open(path, "rb") as file:
+            hold(file)
 
 
 def _begin_file(path: Any, network: ContactNetwork, step: float, met: Index, frame: Mapping[str, Any]) -> RecordFile:

@@ -252,10 +252,7 @@ class NonlinearWaves:
         least = wanted * 2.0**-_HALVINGS
         while True:
             each = max(1, math.ceil(length / (count - 1) / wanted))
-            if each * (count - 1) > _MOST_STEPS:
-                what = f"the run takes {each * (count - 1):.3g} steps"
-                mend = "Give a shorter duration, or less damping"
-                raise InputError(what, f"More than {_MOST_STEPS:.0e} are not made", mend)
+            require_steps(each * (count - 1))
             network, exact = self.network, length / (count - 1) / each
             kept = Frames(network, exact, file)
             stopped = ""
@@ -287,9 +284,16 @@ class NonlinearWaves:
 
     def _require_shape(self, name: str, values: Array) -> None:
         n, d = self.network.n_balls, self.network.dimension
-        if values.shape not in ((n, 3), (n, d)) or not np.all(np.isfinite(values)):
-            what = f"{name} has the shape {values.shape}"
+        if (wrong := values.shape not in ((n, 3), (n, d))) or not np.all(np.isfinite(values)):
+            what = f"{name} has the shape {values.shape}" if wrong else f"{name} has a number that is not finite"
             raise InputError(what, mend=f"Give ({n}, 3) finite numbers, one row for each ball")
+
+
+def require_steps(count: int) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` for more steps than are made."""
+    if count > _MOST_STEPS:
+        mend = "Give a shorter duration, fewer frames, a longer step, or less damping"
+        raise InputError(f"the run takes {count:.3g} steps", f"More than {_MOST_STEPS:.0e} are not made", mend)
 
 
 class _Stop(Exception):

@@ -897,7 +897,7 @@ def read_balls(name: str, given: Any, network: ContactNetwork) -> Index:
     balls, count = finite_array(name, given).ravel(), network.n_balls
     whole = np.all((balls == np.rint(balls)) & (balls >= 0) & (balls < count))
     if not whole or len(set(balls)) < balls.size:
-        found = brief(balls.tolist() if balls.size > 1 else float(balls[0]))
+        found = brief(np.asarray(given).tolist())
         raise InputError(f"{name}: found {found}", f"Balls have the indices 0 to {count - 1}", "Give each ball once")
     return balls.astype(int)
 

@@ -158,6 +158,10 @@ class NetworkSettings(_Block):
     repeat: tuple[int, ...] = ()
     cut: tuple[tuple[Any, int, tuple[str, str]], ...] = ()
 
+    def count(self, number: int) -> int:
+        """Return how many balls, or cells, so many of a network are when it is repeated and cut."""
+        return number * math.prod(self.repeat) * math.prod(layers for _, layers, _ in self.cut)
+
     def shape(self, network: Any) -> Any:
         """Return a network repeated and cut."""
         network = network.repeat(self.repeat) if self.repeat else network

@@ -231,7 +231,7 @@ MISTAKES: dict[str, tuple[str, str, int, str, str, str, str]] = {
     ),
     "density of states of a sweep": (
         "  force: 18.446 N\nmedium: ala\nobserve: [velocities]", "  force: [1 N, 2 N]\nmedium: ala\nobserve: [dos]", 13, "observe",
-        "'dos'", "dos of arrays that a medium: simulation makes", "Take medium: simulation",
+        "'dos'", "dos of one state, or of arrays that a medium: simulation makes", "Take medium: simulation",
     ),
     "bands of a sweep over friction": (
         "medium: ala\nobserve: [velocities]", "sweep: {friction: [true, false]}\nobserve: [bands]", 13, "observe", "'bands'",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 
 import numpy as np
 import pytest
@@ -297,6 +298,7 @@ def test_drives_that_are_refused(drive, said, tmp_path):
         (("repeat: 5 1\n", "repeat: 0 1\n"), "from 1"),
         (("frames: 21", "geometry: true"), "lattice, exact"),
         (("frames: 21", "scheme: euler"), "verlet, midpoint"),
+        (("repeat: 5 1\n", "repeat: 1000000 1000000\n"), "GB of memory available"),
     ],
 )
 def test_what_is_refused(change, said, tmp_path):
@@ -317,3 +319,20 @@ def test_a_ball_that_flies_away_ends_the_run(tmp_path):
         chain("1 N", 4, "40 m/s", "2 ms", 11).run(tmp_path)
     with pytest.raises(SceneError, match="motion with a block 'motion'"):
         gp.Scene.from_text(CHAIN[: CHAIN.index("motion:\n")].replace("FORCE", "1 N"))
+
+
+def test_a_check_refuses_more_steps_than_a_run_makes():
+    found = scene(PLANE.replace("duration: 40 us", "duration: 1 h"), DRIVE="{balls: 2, impact: 0.2 m/s}")
+    with pytest.raises(InputError, match=r"motion: the run takes .* steps"):
+        found.cost()
+
+
+def test_a_wave_that_is_not_through_has_no_velocity(tmp_path):
+    """A run that ends while most forces still rise: half of what they ever do is not known."""
+    text = PLANE.replace("layers: 4, edges: floor free", "layers: 8").replace("duration: 40 us", "duration: 20 us")
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        found = scene(text, DRIVE="{balls: lower, impact: 0.5 m/s, direction: 0 1}").run(tmp_path, figures=False)
+    assert "front_velocity" not in found.dataset
+    assert any("the front velocity is not known" in one for one in found.dataset.attrs["warnings"])
+    assert not [one for one in said if "Polyfit" in str(one.message)]

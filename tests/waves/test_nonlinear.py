@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import signal
 import subprocess
 import sys
@@ -16,6 +17,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.base.errors import InputError, LimitWarning, OutputError, StoppedEarlyWarning
+from granphon.base.records import RecordFile, hold
 from tests.networks.test_cuts import D, bulk
 
 ROOT = Path(__file__).parents[2]
@@ -350,12 +352,37 @@ def test_only_a_motion_is_written_over(tmp_path):
         motion.write(other)
     assert other.read_text() == "mine"
     for write in (motion.write, lambda file: waves.run(1e-5, file=file)):
-        for nothing in ("", 5):
+        for nothing in ("", 5, "a\0b"):
             with pytest.raises(InputError, match="the file of a motion is"):
                 write(nothing)
         with pytest.raises(OutputError, match="cannot be written"):
-            write(tmp_path / "none" / "motion.nc")
-    assert {one.name for one in tmp_path.iterdir()} == {"motion.nc", "mine.nc"}
+            write(other / "motion.nc")
+        with open(path, "rb") as file:
+            hold(file)
+            with pytest.raises(OutputError, match=r"another run is writing .*motion.nc"):
+                write(path)
+        write(tmp_path / "made" / "motion.nc")
+        (tmp_path / "made" / "motion.nc").unlink()
+    assert {one.name for one in tmp_path.iterdir()} == {"motion.nc", "mine.nc", "made"}
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no device that is always full")
+def test_a_disk_that_is_full_is_one_error(tmp_path, monkeypatch):
+    """The first frame goes into a file, and what comes after it to a device that takes nothing."""
+    waves, path = gp.NonlinearWaves(line(10.0, 4)), tmp_path / "motion.nc"
+    append = RecordFile.append
+
+    def fill(self, values):
+        if self._count == 3:
+            self._file.flush()
+            with open("/dev/full", "wb") as full:
+                os.dup2(full.fileno(), self._file.fileno())
+        append(self, values)
+
+    monkeypatch.setattr(RecordFile, "append", fill)
+    with pytest.raises(OutputError, match=r"motion.nc cannot be written: .* It holds the frames that came before"):
+        waves.run(1e-5, frames=9, file=path)
+    assert len(gp.Motion.read(path).times) == 3
 
 
 def test_whole_frames_of_a_file_that_was_cut(tmp_path):
