@@ -102,7 +102,7 @@ class Registry(Mapping[str, T]):
 
 
 def _identify(made: Any) -> Any:
-    """Return what is equal for the same: the name of a function or class in its module, the code of a lambda, else itself."""
+    """Return what is equal for the same: a function's or class's name and module, a lambda's code, or itself."""
     if "<" not in (name := getattr(made, "__qualname__", "<")):
         return made.__module__, name
     code = getattr(made, "__code__", None)
