@@ -32,6 +32,7 @@ from granphon.base.results import Result
 from granphon.base.text import counted
 from granphon.base.validation import not_negative, whole_number
 from granphon.dynamics.damping import ContactDamping, DampedModes, damp_evenly, damp_unevenly
+from granphon.dynamics.linalg import find_nearest
 from granphon.networks.network import ContactNetwork
 from granphon.observables.validity import check_network
 from granphon.waves.chebyshev import Kernel, Moments, polynomials
@@ -650,8 +651,6 @@ def _find_dense(problem: Problem, count: int, target: float) -> Eigenpairs:
 
 
 def _find_factored(problem: Problem, count: int, target: float) -> Eigenpairs:
-    from scipy.sparse.linalg import LinearOperator, eigsh
-
     size, top = problem.live.size, problem.top
     zero = ZERO * top
     zeros = problem.count_below(zero**2)
@@ -661,10 +660,8 @@ def _find_factored(problem: Problem, count: int, target: float) -> Eigenpairs:
     shift = -_SHIFT * top**2 if lowest else target**2
     solve = problem.factors(shift).solve
     wanted = count + _SPARE + (zeros if lowest else 0)
-    start = np.random.default_rng(0).normal(size=size)
     while wanted * _SHARE <= size:
-        inverse = LinearOperator((size, size), matvec=solve, dtype=np.float64)
-        _, vectors = eigsh(problem.shifted(0.0), k=wanted, sigma=shift, OPinv=inverse, v0=start)
+        _, vectors = find_nearest(problem.shifted(0.0), wanted, shift, solve)
         omega, vectors, residual = problem.refine(vectors)
         chosen = problem.choose(omega, count, target)
         if chosen.size == count and np.max(residual[chosen]) <= RESIDUAL:
