@@ -324,7 +324,7 @@ class MediumTask(Task):
         """The tasks that can run side by side: one for each sample of a simulation, or this task itself."""
         samples = self.serving.samples
         ends = [f", seed {one.medium.settings['seed']}" * (len(samples) > 1) for one in samples]
-        asked = replace(self.asked, path=None, direction=None, surface=None)  # none is asked for of a sample
+        asked = replace(self.asked, path=None, direction=None, surface=None, observe=())  # none is asked for of a sample
         return [SampleTask(self.where + end, one, asked) for end, one in zip(ends, samples, strict=True)] or [self]
 
     def join(self, parts: Sequence[TaskResult]) -> TaskResult:
