@@ -93,9 +93,10 @@ _LARGEST = 10_000
 _SHARE = 3
 #: shift of the factors for the lowest modes, over top^2
 _SHIFT = 1e-6
-#: products with D that tell whether a network too large to be factorised is stable, and how well they tell an eigenvalue,
-#: over top^2. D is lower than the whole by a tenth of that, where overlaps are a fiftieth of the diameter
-_KRYLOV, _SEEN = 400, 1e-5
+#: products with D that tell whether a network too large to be factorised is stable
+_KRYLOV = 400
+#: how well they tell an eigenvalue, over top^2. D is lower than the whole by a tenth of that, where overlaps are d/50
+_SEEN = 1e-5
 #: frequency over the top, up to which a mode that grows counts as one at rest: forces of programs balance to 1e-6 or so
 _BALANCED = 1e-5
 #: part of the largest entry of a column from which a pivot of a damped matrix is taken on the diagonal
