@@ -236,7 +236,7 @@ class TrueDirections(_Directions):
         np.add(start, across, out=found.r[:, at])
         np.add(start, found.r[:, at], out=parts)
         parts *= across
-        np.add(*parts[:2], out=e)  # |r|^2 - |r_0|^2, no difference of near-equal lengths
+        np.add(parts[0], parts[1], out=e)  # |r|^2 - |r_0|^2, no difference of near-equal lengths
         for more in parts[2:]:
             e += more
         np.add(self._square[at], e, out=length)
@@ -325,9 +325,10 @@ class PlaneDirections(TrueDirections):
         way, moved, slip = room[: len(self._acting)], room[4:6], self._way[0, at]
         r = np.add(before.r[:, at], after.r[:, at], out=room[6:])
         np.subtract(after.moved[:, at], before.moved[:, at], out=way)
-        np.subtract(*np.multiply(r, way[1::-1], out=moved), out=slip)
+        np.multiply(r, way[1::-1], out=moved)
+        np.subtract(moved[0], moved[1], out=slip)
         r *= r
-        length = np.add(*r, out=r[0])
+        length = np.add(r[0], r[1], out=r[0])
         slip /= np.sqrt(length, out=length)  # twice the length
         length *= 0.5
         slip -= np.multiply(way[2], length, out=length)

@@ -600,7 +600,7 @@ class _System:
         """List anew the balls that may meet, if one may move in a step to ``ways`` by more than half of the margin."""
         from scipy.linalg.blas import idamax
 
-        speed = math.sqrt(3.0) * abs(self.v[idamax(self.v)]) / self._lightest  # no ball is faster
+        speed = math.sqrt(3.0) * abs(float(self.v[idamax(self.v)])) / self._lightest  # no ball is faster
         self._travelled += self.step * speed + (float(np.max(np.abs(ways - self.ways))) if len(ways) else 0.0)
         if self._travelled > 0.5 * self._skin:
             places = self.network.positions + self._displace()
