@@ -29,10 +29,10 @@ _NONE = np.finfo(float).tiny
 _CLOSE = 1e-5
 
 
-def divide(n: int, rows: int, size: int = _BLOCK) -> list[Any]:
-    """Return parts of n contacts, each as a slice of them, and then ``rows`` arrays to work with, (contacts,)."""
+def divide(n: int, rows: int, size: int = _BLOCK) -> list[tuple[slice, Array]]:
+    """Return parts of n contacts, each as a slice of them and room to work with, (rows, contacts)."""
     room = np.empty((rows, min(n, size)))
-    return [(slice(low, low + size), *room[:, : n - low]) for low in range(0, n, size)]
+    return [(slice(low, low + size), room[:, : n - low]) for low in range(0, n, size)]
 
 
 def share(values: Array) -> Array:
@@ -153,11 +153,12 @@ class ContactForces:
     slips : number of slips.
     mu : of Coulomb's limit.
     times : (2,) tau of dashpots, or (2, n), s.
+    is_damped : whether there are dashpots.
     """
 
     def __init__(self, normal: Powers | PairLaws, ratio: Array, slips: int, mu: float, times: Array) -> None:
         self.normal, self.ratio, self.slips, self.mu, self.times = normal, ratio, slips, mu, times
-        self._half, n = share(0.5 * ratio), ratio.shape[1]
+        self.is_damped, self._half, n = bool(np.any(times)), share(0.5 * ratio), ratio.shape[1]
         self._blocks = divide(n, 3, _BLOCK if isinstance(normal, Powers) else max(n, 1))
 
     def begin(self, e: Array, moved: Array, held: Array) -> Touch:
@@ -167,7 +168,7 @@ class ContactForces:
         """
         change, k = self.normal.press(e)
         touch = Touch(e, np.concatenate([change[None], held + self.ratio * k * moved]), k)
-        for at, limit, *_ in self._blocks:
+        for at, (limit, *_) in self._blocks:
             self._slide(touch.pull, at, limit)
         return touch
 
@@ -178,7 +179,7 @@ class ContactForces:
         """
         pull, k = (np.empty_like(before.pull), np.empty_like(before.k)) if out is None else (out.pull, out.k)
         work = 0.0
-        for at, least, mean, part in self._blocks:
+        for at, (least, mean, part) in self._blocks:
             now, then = k[at], before.k[at]
             self.normal.press(e[at], at, (pull[0, at], now))
             if not len(moved):
@@ -214,11 +215,6 @@ class ContactForces:
         out[0] *= -self.times[0]
         out[1:] *= self.times[1] * self.ratio
         return out
-
-    @property
-    def is_damped(self) -> bool:
-        """Whether there are dashpots."""
-        return bool(np.any(self.times))
 
     def springs(self, pull: Array, k: Array) -> float:
         """Return the energy of slip, twist and rolling, J."""

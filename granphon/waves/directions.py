@@ -196,7 +196,7 @@ class TrueDirections(_Directions):
         for strain, (balls, along) in zip(self._strain, moved, strict=True):
             driven = np.isin(np.arange(network.n_balls), balls).astype(float)
             strain[: len(self.axes) * n] = np.outer(along[list(self.axes)], driven[j_of] - driven[i_of]).ravel()
-        self._blocks = [(at, walls[(walls >= at.start) & (walls < at.stop)], *work) for at, *work in divide(n, 3)]
+        self._blocks = [(at, walls[(walls >= at.start) & (walls < at.stop)], room) for at, room in divide(n, 8)]
         self._way, self._acting = np.zeros((self.count - 1, n)), np.zeros((len(kinds), n))
         self._back = self._forward.T.tocsr()
         at, *_ = self.step(None, np.zeros(operator.size), np.zeros(len(moved)))
@@ -223,24 +223,25 @@ class TrueDirections(_Directions):
                 self._slip(before, after, *block)
         return after, after.e, self._way
 
-    def _slip(self, before: Moment, after: Moment, at: slice, *room: Array) -> None:
+    def _slip(self, before: Moment, after: Moment, at: slice, walls: Index, room: Array) -> None:
         """Set slips, twists and rolls between two moments, across the mean of r."""
         r = 0.5 * (before.r[:, at] + after.r[:, at])
         length = np.sqrt(np.sum(r * r, axis=0))
         self._way[:, at] = self._deform(r / length, length, after.moved[:, at] - before.moved[:, at])
 
-    def _place(self, found: Moment, at: slice, walls: Index, work: Array, *_: Array) -> None:
+    def _place(self, found: Moment, at: slice, walls: Index, room: Array) -> None:
         """Set vectors, lengths and elongations of contacts at a moment."""
-        e, length = found.e[at], found.length[at]
-        for axis, (across, start, r) in enumerate(zip(found.moved, self._r, found.r, strict=False)):
-            np.add(start[at], across[at], out=r[at])
-            part = np.add(start[at], r[at], out=work if axis else e)
-            part *= across[at]
-            if axis:
-                e += part  # |r|^2 - |r_0|^2, no difference of near-equal lengths
+        e, length, start = found.e[at], found.length[at], self._r[:, at]
+        across, parts = found.moved[: len(start), at], room[: len(start)]
+        np.add(start, across, out=found.r[:, at])
+        np.add(start, found.r[:, at], out=parts)
+        parts *= across
+        np.add(parts[0], parts[1], out=e)  # |r|^2 - |r_0|^2, no difference of near-equal lengths
+        for more in parts[2:]:
+            e += more
         np.add(self._square[at], e, out=length)
         np.sqrt(length, out=length)
-        e /= np.add(self._length[at], length, out=work)
+        e /= np.add(self._length[at], length, out=room[0])
         if len(walls):
             found.r[:, walls], found.length[walls] = self._r[:, walls], 1.0
             found.e[walls] = np.sum(self._r[:, walls] * found.moved[: len(self.axes), walls], axis=0)
@@ -320,36 +321,33 @@ class PlaneDirections(TrueDirections):
     def _deform(self, n: Array, length: Array, moved: Array) -> Array:
         return np.concatenate([(n[0] * moved[1] - n[1] * moved[0] - length * moved[2])[None], moved[3:]])
 
-    def _slip(self, before: Moment, after: Moment, at: slice, *room: Array) -> None:
-        (_, x, y, work), new, old, slip = room, after.moved, before.moved, self._way[0, at]
-        np.add(before.r[0, at], after.r[0, at], out=x)
-        np.add(before.r[1, at], after.r[1, at], out=y)
-        np.subtract(new[1, at], old[1, at], out=slip)
-        slip *= x
-        slip -= np.multiply(np.subtract(new[0, at], old[0, at], out=work), y, out=work)
-        x *= x
-        y *= y
-        x += y
-        slip /= np.sqrt(x, out=x)  # twice the length
-        x *= 0.5
-        slip -= np.multiply(np.subtract(new[2, at], old[2, at], out=work), x, out=work)
-        if len(self._way) > 1:
-            np.subtract(new[3, at], old[3, at], out=self._way[1, at])
+    def _slip(self, before: Moment, after: Moment, at: slice, walls: Index, room: Array) -> None:
+        way, moved, slip = room[: len(self._acting)], room[4:6], self._way[0, at]
+        r = np.add(before.r[:, at], after.r[:, at], out=room[6:])
+        np.subtract(after.moved[:, at], before.moved[:, at], out=way)
+        np.multiply(r, way[1::-1], out=moved)
+        np.subtract(moved[0], moved[1], out=slip)
+        r *= r
+        length = np.add(r[0], r[1], out=r[0])
+        slip /= np.sqrt(length, out=length)  # twice the length
+        length *= 0.5
+        slip -= np.multiply(way[2], length, out=length)
+        self._way[1:, at] = way[3:]
 
     def _resist(self, r: Array, length: Array, pull: Array, factor: Any) -> None:
-        for at, _, push, pull_of, work in self._blocks:
-            np.divide(1.0, length[at], out=work)
+        for at, _, room in self._blocks:
+            (inverse, push, across), parts, acting = room[:3], room[3:5], self._acting[:3, at]
+            np.divide(1.0, length[at], out=inverse)
             np.add(pull[0, at], self._rest[at], out=push)
-            push *= work
+            push *= inverse
             if factor is not None:
                 push *= factor[at]
-            np.multiply(pull[1, at], work, out=pull_of)
-            x, y, torque = self._acting[:3, at]
-            np.multiply(push, r[0, at], out=x)
-            x += np.multiply(pull_of, r[1, at], out=work)
-            np.multiply(push, r[1, at], out=y)
-            y -= np.multiply(pull_of, r[0, at], out=work)
-            np.multiply(pull[1, at], length[at], out=torque)
+            np.multiply(pull[1, at], inverse, out=across)
+            np.multiply(push, r[:, at], out=acting[:2])
+            np.multiply(across, r[::-1, at], out=parts)
+            acting[0] += parts[0]
+            acting[1] -= parts[1]
+            np.multiply(pull[1, at], length[at], out=acting[2])
         self._acting[3:] = -pull[2:]
 
 

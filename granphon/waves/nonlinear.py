@@ -598,7 +598,9 @@ class _System:
 
     def _watch(self, ways: Array) -> None:
         """List anew the balls that may meet, if one may move in a step to ``ways`` by more than half of the margin."""
-        speed = math.sqrt(3.0) * max(self.v.max(), -self.v.min()) / self._lightest  # no ball is faster
+        from scipy.linalg.blas import idamax
+
+        speed = math.sqrt(3.0) * abs(float(self.v[idamax(self.v)])) / self._lightest  # no ball is faster
         self._travelled += self.step * speed + (float(np.max(np.abs(ways - self.ways))) if len(ways) else 0.0)
         if self._travelled > 0.5 * self._skin:
             places = self.network.positions + self._displace()
