@@ -44,8 +44,8 @@ from granphon.media.simulation import DirectSimulation
 MOST_SECONDS = 10_000 * 86400.0
 #: time of an equilibrium of the small sample per ball, s, on any machine: it takes some microseconds
 _SLOWEST = 1e-3
-#: memory of Python and its libraries, bytes
-_PYTHON_BYTES = 80e6
+#: memory of Python and the libraries that the run of a scene loads, bytes
+_PYTHON_BYTES = 145e6
 #: bytes for each ball while a sample without rotations is worked on, with one, two and three periods, besides those of the
 #: lattice's Green's function
 _BALL_BYTES = {1: 230.0, 2: 450.0, 3: 600.0}

@@ -224,7 +224,7 @@ def test_check_says_what_a_simulation_will_take(work, capsys):
         assert main(["check", "scene.yaml"]) == 0
         out, err = capsys.readouterr()
         assert re.search(rf"  will take +{re.escape(cost.text)} on one processor\n", out)
-        assert f"simulation of 256 balls, {count} equilibria: about 80 MB and " in out
+        assert f"simulation of 256 balls, {count} equilibria: about 145 MB and " in out
     # of the medium that is solved in a moment, limits are told
     assert err.startswith("granphon: warning: ema is not reliable below ")
     assert err.count("\n") == 1
