@@ -380,15 +380,14 @@ def bands(points: int, branches: int, eigenvectors: bool = True, file: bool = Tr
     """
     square, cube = branches * branches, float(branches) ** 3
     what = f"{'bands' if eigenvectors else 'frequencies'} at {points:,} wave vector{'s' * (points != 1)}"
+    what += f" with {branches:,} branches" * (branches > MANY_COLUMNS)
     kept = points * (2000.0 + (295.0 if file else 32.0) * square if eigenvectors else 50.0 * branches)
     known = 1e-6 * points * (110.0 + (12.0 if file else 0.5) * square if eigenvectors else 110.0 + 0.07 * square)
     working = 0.0
     if branches > MANY_COLUMNS:
         known += points * cube * _measure_eigenvalues() * (_VECTORS_TIME if eigenvectors else 1.0)
         working = (_VECTORS_BYTES if eigenvectors else BYTES) * square
-    return Cost(
-        working, kept, known=known, parts=(f"{what} with {branches:,} branches" if branches > MANY_COLUMNS else what,)
-    )
+    return Cost(working, kept, known=known, parts=(what,))
 
 
 def density_of_states(mesh: tuple[int, ...], branches: int) -> Cost:

@@ -788,9 +788,8 @@ def _explain(
         mend = mend or "Press the crystal from the sides too, or give another load"
         return InputError(what, *(push.lifted or (why, mend)))
     if opened:
-        return InputError(
-            f"all contacts are open under {push.words}", "Balls that do not touch have no stiffness", "Press them"
-        )
+        why = "Balls that do not touch have no stiffness"
+        return InputError(f"all contacts are open under {push.words}", why, "Press them")
     size = typical_force(frame, push, springs)
     with np.errstate(all="ignore"):
         reached = springs.overlap(np.full(springs.count, size))

@@ -20,6 +20,7 @@ import numpy as np
 
 from granphon.balls.diameters import Discrete, Measured
 from granphon.balls.distributions import PointShape
+from granphon.balls.hertz import LEAST_NORMAL
 from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.loads import Load, require_compressive
 from granphon.balls.packing import Packing, given_packing, require_shallow
@@ -33,8 +34,6 @@ from granphon.laws.spread import AveragedLaw
 from granphon.media.medium import Medium, Option, explain_untouched
 from granphon.media.state import ContactState, Law, read_finite_overlap
 
-#: least normal number of double precision; smaller numbers have lost digits
-_LEAST_NORMAL = np.finfo(float).tiny
 #: rough time of the effective medium, s: for a density of diameters, and for 64 listed ones
 _DENSITY_TIME, _LIST_TIME = 0.03, 0.25
 #: overlaps at which contacts open for 64 listed diameters: one for each pair
@@ -112,7 +111,7 @@ class LawMedium(Medium[ContactState]):
             length = np.maximum(np.abs(overlap), self.packing.width)
             # the last three are of the size of the slope of the stiffness, the pressure and the moduli
             made = np.array([force, stiffness, length, stiffness / length, force / diameter, stiffness / diameter])
-        if not np.all((made >= _LEAST_NORMAL) & (made < np.inf)):
+        if not np.all((made >= LEAST_NORMAL) & (made < np.inf)):
             raise InputError(f"{load.describe(periods)} is too small or too large for double precision")
         modulus = self.packing.material.young_modulus
         require_shallow(modulus, float(np.max(overlap / diameter)), load.describe(periods))

@@ -14,11 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.contact_table import touch_once_at_most
 from granphon.base.arrays import Array
-from granphon.base.errors import InputError, brief, needing
+from granphon.base.errors import InputError, PrecisionError, brief, needing
 from granphon.base.scales import Units
 from granphon.base.text import counted
 from granphon.base.validation import frequency_array, grid_numbers, is_one_of, positive, real_array, whole_number
-from granphon.dynamics.bloch_waves import LEAST_PART, find_bloch_waves, make_too_fast
+from granphon.dynamics.bloch_waves import LEAST_PART, find_bloch_waves
 from granphon.dynamics.compatibility import MOST_BYTES
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.damping import ContactDamping, DampedModes, damp_evenly, damp_unevenly
@@ -369,7 +369,8 @@ class Phonons:
         for n, pair in enumerate(senses):
             far[n] = any(np.any(np.abs(one.factors) ** sign < LEAST_PART) for one, sign in zip(pair, (1, -1), strict=True))
         if np.any(far):
-            raise make_too_fast(f"{float(at[far][0]):g} Hz")
+            what = f"at {float(at[far][0]):g} Hz a wave decays by more than {1.0 / LEAST_PART:g} from layer to layer"
+            raise PrecisionError(what, "Its wave number would have no digits", "Take lower frequencies")
         size = space.size
         found = np.empty((len(at), 2, size), complex)
         for row, pair in zip(found, senses, strict=True):

@@ -196,9 +196,7 @@ def sweep(
                 require_waves(case.serving_media, waves)
             except GranphonError as error:
                 raise type(error)(f"{case.label}: {error}") from None
-    return sweep_grid(
-        grid, executor=executor, progress=progress, path=path, resume=resume, overwrite=overwrite, store=store,
-    )  # fmt: skip
+    return sweep_grid(grid, executor=executor, progress=progress, path=path, resume=resume, overwrite=overwrite, store=store)
 
 
 def sweep_grid(

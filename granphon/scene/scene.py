@@ -445,9 +445,8 @@ class RunResult:
     def _repr_html_(self) -> str:
         numbers = self.summary()
         entries = {name: self.entry(name) for name in numbers}
-        return write_html(
-            type(self).__name__, ((name, numbers[name], one.unit if one else "") for name, one in entries.items())
-        )
+        rows = ((name, numbers[name], one.unit if one else "") for name, one in entries.items())
+        return write_html(type(self).__name__, rows)
 
     # -- files ----------------------------------------------------------------------------------------------------------
 
@@ -586,20 +585,13 @@ def _write_summary(result: RunResult, used: Mapping[str, str]) -> str:
             for c in result.validity.checks
         ]
         limits = {"ok": bool(result.validity.ok), "validity": checks}
-    return dump_yaml(
-        {
-            "schema": SUMMARY_SCHEMA,
-            "versions": used,
-            "source": None if scene.source is None else scene.source.name,
-            "observe": scene.observe,
-            "finite_overlap": result.finite_overlap,
-            **numbers,
-            **limits,
-            "warnings": result.warnings,
-            "files": [path.name for path in result.files],
-            "units": {name: one.unit for name in numbers if (one := result.entry(name)) is not None and one.unit},
-        }
-    )
+    entries = {name: result.entry(name) for name in numbers}
+    return dump_yaml({
+        "schema": SUMMARY_SCHEMA, "versions": used, "source": None if scene.source is None else scene.source.name,
+        "observe": scene.observe, "finite_overlap": result.finite_overlap, **numbers, **limits,
+        "warnings": result.warnings, "files": [path.name for path in result.files],
+        "units": {name: one.unit for name, one in entries.items() if one is not None and one.unit},
+    })  # fmt: skip
 
 
 def read_summary(folder: Path) -> dict[str, Any]:
