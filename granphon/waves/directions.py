@@ -188,14 +188,15 @@ class TrueDirections(_Directions):
         near = arm / (arm + np.concatenate([network.arm_j, np.where(at_wall, 0.0, network.radii[j])]))
         other = 1.0 - near
         near[walls], other[walls] = arm[walls], 0.0
-        parts = [(near, other), (-1.0, 1.0)][: 1 + rolls]
-        acting = len(self.axes) + len(self.turns) * len(parts)
-        alike = bool(np.all(near == other))
-        if self.slips == 3 and not alike:
-            parts.append((1.0, 1.0))
-        #: what motions a contact has last, and their part in the turn of its frame about n in half of half a step
-        self._spin, self._share = (slice(3, 6), 0.25) if alike else (slice(acting, acting + 3), 0.125)
-        kinds = [(axis, -1.0, 1.0) for axis in self.axes] + [(3 + axis, *each) for each in parts for axis in self.turns]
+        turns = [(near, other), (-1.0, 1.0)][: 1 + rolls]
+        acting = len(self.axes) + len(self.turns) * len(turns)
+        if self.slips == 3:  # forces turn about n with the mean of both rotations: by half of it in half a step
+            alike = bool(np.all(near == other))
+            turns += [] if alike else [(1.0, 1.0)]
+            self._spin, self._quarter = (slice(3, 6), 0.25) if alike else (slice(acting, acting + 3), 0.125)
+            self._middle, self._axis, self._cosine = np.empty((3, n)), np.empty((3, n)), np.empty(n)
+            self.turned = np.empty_like(self.held)
+        kinds = [(axis, -1.0, 1.0) for axis in self.axes] + [(3 + axis, *each) for each in turns for axis in self.turns]
         places, weights = np.zeros((6, network.n_balls), np.int32), np.zeros((6, network.n_balls))
         for column, axis in enumerate([*motions.translations, *(3 + axis for axis in motions.rotations)]):
             places[axis, operator.balls] = operator.values(np.arange(operator.size))[:, column]
@@ -215,8 +216,6 @@ class TrueDirections(_Directions):
             strain[: len(self.axes) * n] = np.outer(along[list(self.axes)], driven[j_of] - driven[i_of]).ravel()
         self.parts, self.way = divide(n, self.rows, divides), np.empty_like(self.held)
         self._acting, self._back = np.empty((acting, n)), self._forward[: acting * n].T.tocsr()
-        self._middle, self._axis, self._cosine = np.empty((3, n)), np.empty((3, n)), np.empty(n)
-        self.turned = np.empty_like(self.held)
         at = self.locate(np.zeros(operator.size), np.zeros(len(moved)))
         self._still = self._act(at, np.concatenate([np.zeros((1, n)), self.held]), None).copy()
         self.load = -(self._back @ self._still)
@@ -292,8 +291,7 @@ class TrueDirections(_Directions):
         self._carry(before, n, pull[1:, at], self.turned[:, at], at, room)
         spin = np.subtract(after.moved[self._spin, at], before.moved[self._spin, at], out=room[:3])
         half = _dot(spin, n, room[3:6])
-        half *= self._share
-        # sine and cosine by the tangent of half of the angle, which is small
+        half *= self._quarter  # the tangent of half of the angle, which is small
         np.multiply(half, half, out=sine)
         sine += 1.0
         np.divide(2.0, sine, out=cosine)
