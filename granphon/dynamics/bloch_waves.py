@@ -31,6 +31,8 @@ _NEWTON = 3
 _UNCOUPLED = 1e-12
 #: condition of the waves of one sense from which they are not told apart
 _ALIKE = 1e11
+#: part of a wave that the next layer must have, at least: that of a wave number with three digits
+LEAST_PART = 1e-12
 
 
 class Couplings(NamedTuple):
@@ -75,11 +77,18 @@ class BlochWaves(NamedTuple):
         return np.asarray(np.linalg.solve(basis, motion)[: self.running])
 
 
+def make_too_fast(place: str) -> PrecisionError:
+    """Return the error of a wave that decays too fast at ``place``, a frequency."""
+    what = f"at {place} a wave decays by more than {1.0 / LEAST_PART:g} from layer to layer"
+    return PrecisionError(what, "Its wave number would have no digits", "Take lower frequencies")
+
+
 def find_bloch_waves(blocks: Couplings, w: Array, layer: int) -> list[tuple[BlochWaves, BlochWaves]]:
     """Find the waves at each w (n_f,), in the unit of the blocks: those towards higher layers, and towards lower ones.
 
     ``layer`` is the number of motions of a layer. Raises :class:`~granphon.base.errors.PrecisionError` where waves cannot be
-    told apart: at an edge of a band, or where motions that reach no other layer resonate.
+    told apart: at an edge of a band, where motions that reach no other layer resonate, where a wave decays so fast that it
+    has no digits, and at any frequency if some motions reach the next layers alone.
     """
     size, count = blocks.inner.shape[-1], len(w)
     reach = size // layer
@@ -99,10 +108,16 @@ def find_bloch_waves(blocks: Couplings, w: Array, layer: int) -> list[tuple[Bloc
     found = []
     for at in range(count):
         lost = [_null_space(coupling[at]) for coupling in (down, up)]
+        # a motion passed on and no further is one at any w, here at one below zero, where nothing resonates
+        between = lost[1].conj().T @ (inner[at] + scale * np.eye(size)) @ lost[0]
+        if between.size and np.linalg.matrix_rank(between, tol=_UNCOUPLED * scale) < min(between.shape):
+            what = "some motions of a layer are passed on to the next ones and no further"
+            raise PrecisionError(what, "They decay infinitely fast, at any frequency", "Choose another axis")
         # 1/(lambda - point): zero where the decay towards lower layers is infinitely fast, and -1/point towards higher ones
         order = np.argsort(np.abs(inverse[at] + 1.0 / _POINT))
         kept = np.setdiff1d(order[lost[0].shape[1] :], np.argsort(np.abs(inverse[at]))[: lost[1].shape[1]])
-        factors, motions = _POINT + 1.0 / inverse[at, kept], vectors[at][:size, kept]
+        with np.errstate(divide="ignore"):  # a decay beyond floating point
+            factors, motions = _POINT + 1.0 / inverse[at, kept], vectors[at][:size, kept]
         couplings = [one[at] for one in steps]
         couplings[reach] = couplings[reach] + w[at] * np.eye(layer)
         factors, motions = _sharpen_long(factors, motions, couplings, w[at])
@@ -151,11 +166,16 @@ def _null_space(coupling: Complex) -> Complex:
     return np.asarray(right[values <= _UNCOUPLED * values[0]].conj().T)
 
 
+def _normalise(vectors: Complex) -> Complex:
+    """Return columns of norm one; those of an infinite decay may be zero."""
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=0), np.finfo(float).tiny))
+
+
 def _sort_senses(
     factors: Complex, vectors: Complex, up: Complex, down: Complex, lost: list[Complex], reach: int
 ) -> tuple[BlochWaves, BlochWaves]:
     """Sort waves by the sense in which they run or decay; those that run get a flux of one, each by itself."""
-    vectors = vectors / np.linalg.norm(vectors, axis=0)
+    vectors = _normalise(vectors)
     runs = np.abs(np.abs(factors) - 1.0) < _ON_CIRCLE
     flux = np.zeros(len(factors))
     left = np.flatnonzero(runs)
@@ -176,8 +196,10 @@ def _sort_senses(
         decay = decay[np.argsort(-inwards[decay], kind="stable")]
         chosen = np.concatenate([run, decay])
         waves = BlochWaves(factors[chosen], vectors[:, chosen], run.size, still)
-        basis = np.concatenate([waves.vectors / np.linalg.norm(waves.vectors, axis=0), still], axis=1)
+        basis = np.concatenate([_normalise(waves.vectors), still], axis=1)
         if basis.shape[0] != basis.shape[1] or np.linalg.cond(basis) > _ALIKE:
+            if np.any(inwards[decay] ** reach < LEAST_PART):
+                raise make_too_fast("a frequency")
             why = "At the edge of a band waves of both senses are one, and at some frequencies motions of a layer stay in it"
             raise PrecisionError("the waves at a frequency cannot be told apart", why, "Shift it by a millionth")
         found.append(waves)

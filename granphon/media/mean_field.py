@@ -37,9 +37,10 @@ from granphon.media.state import ContactState, Law, read_finite_overlap
 _LEAST_NORMAL = np.finfo(float).tiny
 #: rough time of the effective medium, s: for a density of diameters, and for 64 listed ones
 _DENSITY_TIME, _LIST_TIME = 0.03, 0.25
-#: number of overlaps at which contacts open for 64 listed diameters: one for each pair of diameters, 64 * 65 / 2; and the
-#: exponent with which the time grows with it
-_LIST_OPENINGS, _LIST_POWER = 2080.0, 1.25
+#: overlaps at which contacts open for 64 listed diameters: one for each pair
+_LIST_OPENINGS = 64 * 65 / 2
+#: exponent with which the time grows with their number
+_LIST_POWER = 1.25
 #: time below which work is done even when a scene is only checked and not run, s
 _QUICK_TIME = 0.1
 #: where the effective medium has its local field from; the first is the default

@@ -108,7 +108,7 @@ _VELOCITIES = {"longitudinal", "transverse", "transverse_slow", "transverse_fast
 #: variables that are infinite for equal balls, or where no error is known
 _MAY_BE_INFINITE = {"reduced_force", "reduced_spacing", "expected_error", "mean_free_path", "damped_quality"}
 #: attributes that hold a JSON text, and its type
-_JSON = {"packing": dict, "media": list, "versions": dict, "warnings": list}
+_JSON = {"packing": dict, "media": list, "observe": list, "versions": dict, "warnings": list}
 _WORDS = {dict: "mapping", list: "list"}
 
 
@@ -221,7 +221,7 @@ def make_frame(grid: Grid) -> Dataset:
     attrs = {
         "format": FORMAT, "schema": SWEEP_SCHEMA, "versions": to_json({**packages(), **versions("xarray", "h5netcdf")}),
         "media": to_json([{one.name: one.settings_on(packing.structure)} for one in grid.media]),
-        "finite_overlap": int(all(finite)), "direction": along,
+        "finite_overlap": int(all(finite)), "direction": along, "observe": to_json(asked.observe),
     }  # fmt: skip
     if (waves := asked.waves) is not None:
         attrs["waves"] = to_json({"of": waves, "exponents": asked.exponents})

@@ -344,7 +344,7 @@ class Plan:
             self.finite_overlap, path=path, direction=self.direction, waves=self.waves, exponents=sound,
             surface=self._asked("surface"), bands=self._asked("bands"),
             sound=sound or not {"bands", "dos", "surface", *NETWORK_BLOCKS} & set(self.observe), alone=self.is_single,
-            observed=tuple(name for name in self.observe if name not in rules.OBSERVABLES),
+            observe=self.observe,
         )  # fmt: skip
         return Grid(self.packing, self.axes, self.media, self.load.applied.flat, asked)
 

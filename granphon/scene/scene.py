@@ -41,7 +41,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -470,7 +470,7 @@ class RunResult:
             from granphon.figures.bands import bands_figure
 
             return bands_figure(self.bands, self.dos, gaps=self.gaps)
-        return draw_sweep(self.dataset, name, seen=self.scene.observe)
+        return draw_sweep(self.dataset, name)
 
 
 def _describe_alone(
@@ -615,11 +615,8 @@ def read_summary(folder: Path) -> dict[str, Any]:
 # -- figures ----------------------------------------------------------------------------------------------------------
 
 
-def draw_sweep(dataset: Any, name: str, variable: str | None = None, seen: Collection[str] = ()) -> Any:
-    """Draw the figure of a data set that the ``name`` of its file means, or that of one ``variable``.
-
-    Of a scene whose observations ``seen`` are motions without velocities the variable is the velocity of the peak.
-    """
+def draw_sweep(dataset: Any, name: str, variable: str | None = None) -> Any:
+    """Draw the figure of a data set that the ``name`` of its file means, or that of one ``variable``."""
     stem = Path(name).stem
     if variable is None and stem in NETWORK_BLOCKS:
         from granphon.figures.plot import draw_states
@@ -631,6 +628,4 @@ def draw_sweep(dataset: Any, name: str, variable: str | None = None, seen: Colle
         return sweep_dos_figure(dataset) if stem == "sweep_dos" else sweep_spectra_figure(dataset)
     from granphon.figures.curves import sweep_figure
 
-    if variable is None and "motion" in seen and "velocities" not in seen:
-        variable = "peak_velocity" if "peak_velocity" in dataset else "greatest_force"
-    return sweep_figure(dataset) if variable is None else sweep_figure(dataset, variable=variable)
+    return sweep_figure(dataset, variable=variable)

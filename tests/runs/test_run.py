@@ -691,7 +691,7 @@ def test_a_resumed_sweep_replaces_an_older_result_only_if_told(work, monkeypatch
 )
 def test_a_sweep_that_cannot_be_written_is_not_computed_again(work, whole, monkeypatch, capsys, where, error, code):
 
-    def fail(*_: object) -> None:
+    def fail(*_: object, **__: object) -> None:
         raise error
 
     with monkeypatch.context() as patch:
