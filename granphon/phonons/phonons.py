@@ -508,22 +508,24 @@ class Phonons:
         for one in np.flatnonzero(np.tile(width < _NARROW * float(high[-1]), 2)):
             place = one if one < len(width) else edges - len(gaps) + np.flatnonzero(gaps > 0)[one - len(width)]
             near = starts[place * several : (place + 1) * several]
-            best[place] = max(best[place], *(self._zoom(q0, branch[place], sign[place], reach) for q0 in near))
+            best[place] = max(best[place], self._zoom(near, branch[place], sign[place], reach))
         edge = sign * best
         lower, upper = edge[: edges - len(gaps)], edge[edges - len(gaps) :]
         lower = np.concatenate([np.zeros(len(gaps) - len(lower)), lower])
         found = np.stack([np.maximum(lower, below[gaps]), upper], axis=1)[upper - lower > least]
         return np.reshape(found, (-1, 2)) * self.scales.frequency
 
-    def _zoom(self, wavevector: Array, branch: int, sign: float, reach: float) -> float:
-        """Return the highest frequency times ``sign`` of a branch about a wave vector (p,), 1/d, on ever finer meshes."""
+    def _zoom(self, wavevectors: Array, branch: int, sign: float, reach: float) -> float:
+        """Return the highest frequency times ``sign`` of a branch about wave vectors (n, p), 1/d, on ever finer meshes."""
         offsets = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 7)] * self._periods), axis=-1).reshape(-1, self._periods)
-        q, best = wavevector, -np.inf
-        while reach > _LEVEL:
-            values = sign * self.lattice.frequencies(q + reach * offsets)[:, branch]
-            place = int(np.argmax(values))
-            best, q = max(best, float(values[place])), q + reach * offsets[place]
-            reach *= 0.7 if np.max(np.abs(offsets[place])) < 1.0 else 0.95
+        q, size, best = wavevectors, np.full(len(wavevectors), reach), -np.inf
+        while size.size:
+            near = q[:, None] + size[:, None, None] * offsets
+            values = sign * self.lattice.frequencies(near.reshape(-1, self._periods))[:, branch].reshape(len(q), -1)
+            place = np.argmax(values, axis=1)
+            best, q = max(best, float(values.max())), near[np.arange(len(q)), place]
+            size = size * np.where(np.max(np.abs(offsets[place]), axis=1) < 1.0, 0.7, 0.95)
+            q, size = q[size > _LEVEL], size[size > _LEVEL]
         return best
 
     def _make_mesh(self, numbers: tuple[int, ...], reduce: bool = True) -> ZoneMesh:
