@@ -258,6 +258,7 @@ ATTRIBUTES = {
     "media": "media with all their options, as JSON",
     "finite_overlap": "whether all media kept terms of relative order overlap/diameter; `geometry: exact` always does",
     "direction": "direction of propagation, if it was given or velocities depend on it",
+    "observe": "the words for what was computed, as in a scene, as JSON",
     "warnings": "a list of sentences, as JSON",
     "packing": "parameters of the packing that do not vary, as JSON",
     "bands": "corners of the path of the bands, as JSON",

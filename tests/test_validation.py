@@ -264,7 +264,7 @@ def test_the_exponents_of_the_tutorial(steel):
     for medium, low in ((gp.AveragedLattice, 1.0 / 6.0), (gp.EffectiveMedium, 0.29)):
         found = gp.local_exponent(medium(gp.Packing(steel, 8e-3, gp.Uniform(2e-6))).at_force(force))
         assert found[0] == pytest.approx(low, abs=0.005)
-        assert found[1] <= found[0]
+        assert found[1] <= found[0] + 1e-12  # rounding
 
 
 @dataclass(frozen=True)

@@ -88,7 +88,9 @@ class Contacts:
     @property
     def tangential(self) -> Array:
         """(n_c, L1, ..., Lp) magnitudes |T| of the tangential forces."""
-        return _norm(self.shears)
+        if len(self.shears) == 1:
+            return np.asarray(np.abs(self.shears[0]))
+        return np.asarray(np.sqrt(np.sum(self.shears**2, axis=0)))
 
     @property
     def carried(self) -> NDArray[np.bool_]:
@@ -332,12 +334,6 @@ class PressedArray:
     def sliding_fraction(self) -> float:
         """Part of the contacts that carry load whose tangential force is at Coulomb's limit."""
         return self.law.sliding_fraction(self.contacts)
-
-
-def _norm(vectors: Array) -> Array:
-    if len(vectors) == 1:
-        return np.asarray(np.abs(vectors[0]))
-    return np.asarray(np.sqrt(np.sum(vectors**2, axis=0)))
 
 
 def _lose_rising(old: Array, new: Array, bent: Array, slip: Array, eta: float, mu: float) -> tuple[Array, Array]:

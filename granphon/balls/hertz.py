@@ -30,7 +30,7 @@ MUCH_LARGER = math.sqrt(10.0)
 #: largest radius of a contact, over that of the balls, up to which it is the small spot that Hertz's law assumes
 MOST_CONTACT_RADIUS = 0.1
 #: least normal number of double precision; smaller numbers have lost digits
-_LEAST_NORMAL = np.finfo(float).tiny
+LEAST_NORMAL = np.finfo(float).tiny
 
 
 def mindlin_reduction(tangential_load: ArrayLike, normal_load: ArrayLike, friction_coefficient: float) -> Any:
@@ -172,7 +172,7 @@ class HertzLaw(EnergyLaw):
         require_pushing(load)
         with np.errstate(over="ignore"):
             ratio = load / self.coefficient
-        kept = (ratio >= _LEAST_NORMAL) & (ratio < np.inf)  # where the quotient keeps its digits
+        kept = (ratio >= LEAST_NORMAL) & (ratio < np.inf)  # where the quotient keeps its digits
         root = np.cbrt(ratio)
         if not np.all(kept):
             root = np.where(kept, root, np.cbrt(load) / np.cbrt(self.coefficient))

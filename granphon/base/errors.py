@@ -161,16 +161,12 @@ class UnverifiedFileWarning(UserWarning):
 
 
 @contextmanager
-def needing(what: str, *packages: str) -> Iterator[None]:
+def needing(what: str) -> Iterator[None]:
     """Raise :class:`MissingPackageError` where a block imports a package that is not installed; ``what`` needs it.
 
     The error names the extra of granphon that brings the package, or else the package itself, which granphon comes with.
-    Of ``packages``, which the block does not import itself, it is looked whether they are installed.
     """
     try:
-        for one in packages:
-            if find_spec(one) is None:
-                raise ModuleNotFoundError(name=one)
         yield
     except ModuleNotFoundError as error:
         name = str(error.name).partition(".")[0]
@@ -179,6 +175,14 @@ def needing(what: str, *packages: str) -> Iterator[None]:
         package = next((f'"granphon[{extra}]"' for extra, brings in EXTRAS.items() if name in brings), name)
         told = f"{what} needs {name}, which is not installed"
         raise MissingPackageError(told, mend=f"Install it: pip install {package}") from None
+
+
+def require_installed(what: str, *packages: str) -> None:
+    """Raise what :func:`needing` raises if one of ``packages``, which ``what`` needs, is not installed; none is imported."""
+    for one in packages:
+        with needing(what):
+            if find_spec(one) is None:
+                raise ModuleNotFoundError(name=one)
 
 
 def message(what: str, why: str = "", mend: str = "") -> str:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from granphon.base.errors import InputError, MissingFileError, OutputError, StoppedEarlyWarning
 
 Array = NDArray[Any]
-#: marks of lists in a header, and of a type of doubles
+#: tags of a header of netCDF's classic format: of three lists, and of two types
 _DIMENSIONS, _VARIABLES, _ATTRIBUTES, _CHARACTERS, _DOUBLES = 10, 11, 12, 2, 6
 
 

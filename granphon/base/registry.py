@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from typing import Any, TypeVar
 
 from granphon.base.errors import InputError, one_line
@@ -49,9 +50,12 @@ class Registry(Mapping[str, T]):
 
         require(f"the name of a {self.what}", label, name)
         source = getattr(_plugins, "loading", "") or _PROGRAM
-        if (holder := self._sources.get(name)) is not None and not (holder == source and _is_again(self._made[name], made)):
+        own, holder, again = _identify(made), self._sources.get(name), False
+        with suppress(ValueError):  # of objects that hold arrays
+            again = holder == source and bool(self._made[name] == own)
+        if holder is not None and not again:
             raise InputError(f"the {self.what} {name!r} exists already, of {holder}", mend="Give another name")
-        self._entries[name], self._sources[name], self._made[name] = entry, source, made
+        self._entries[name], self._sources[name], self._made[name] = entry, source, own
         return entry
 
     def remove(self, name: str) -> None:
@@ -97,20 +101,12 @@ class Registry(Mapping[str, T]):
         return len(self._entries)
 
 
-def _is_again(first: Any, second: Any) -> bool:
-    """Whether two things are equal, or a function or class and the same that was defined later in its module.
-
-    It has the same name there or, if it has none of its own, as a lambda has not, the same code without a closure.
-    """
-    names = [(getattr(one, "__module__", None), getattr(one, "__qualname__", "")) for one in (first, second)]
-    if first is not second and names[0] == names[1] and names[0][1]:
-        codes = [getattr(one, "__code__", None) for one in (first, second)]
-        texts = [(one.co_code, one.co_consts, one.co_names) for one in codes if one and not one.co_freevars]
-        return "<" not in names[0][1] or (len(texts) == 2 and texts[0] == texts[1])
-    try:
-        return bool(first == second)
-    except ValueError:  # of objects that hold arrays
-        return False
+def _identify(made: Any) -> Any:
+    """Return what is equal for the same: a function's or class's name and module, a lambda's code, or itself."""
+    if "<" not in (name := getattr(made, "__qualname__", "<")):
+        return made.__module__, name
+    code = getattr(made, "__code__", None)
+    return made if code is None else (code.co_code, code.co_consts, code.co_names, made.__closure__)
 
 
 #: what is loading, in each thread

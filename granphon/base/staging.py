@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Self
 from uuid import uuid4
 
-from granphon.base.errors import FileExistsInRunError, GranphonError, OutputError, needing
+from granphon.base.errors import FileExistsInRunError, GranphonError, OutputError, require_installed
 from granphon.base.text import read_bytes
 
 #: the list of the files that granphon wrote into a folder; a list of another version counts as empty
@@ -129,8 +129,8 @@ class ResultFiles:
         MissingPackageError : a file is one of netCDF, and what writes it is not installed.
         OutputError : the folder is a file, or may not be written to, or one of the ``names`` is a folder.
         """
-        with needing("A netCDF file", *("h5netcdf", "h5py") * any(one.endswith(".nc") for one in self.names)):
-            pass
+        if any(one.endswith(".nc") for one in self.names):
+            require_installed("A netCDF file", "h5netcdf", "h5py")
         with suppress(OSError, ValueError):  # the check that follows reports what is wrong with the folder
             if (self._target / NEW).is_dir() or any(self._target.glob(PREFIX + "*")):
                 with _hold_lock(self._target) as alone:

@@ -31,6 +31,11 @@ _NEWTON = 3
 _UNCOUPLED = 1e-12
 #: condition of the waves of one sense from which they are not told apart
 _ALIKE = 1e11
+#: part of a wave that the next layer must have, at least: that of a wave number with three digits
+LEAST_PART = 1e-12
+#: what an error says of waves that are not told apart, and why and what to do if one decays too fast
+_ALIKE_WAVES = "the waves at a frequency cannot be told apart"
+_TOO_FAST = "One decays too fast from layer to layer to have digits", "Take lower frequencies"
 
 
 class Couplings(NamedTuple):
@@ -79,7 +84,8 @@ def find_bloch_waves(blocks: Couplings, w: Array, layer: int) -> list[tuple[Bloc
     """Find the waves at each w (n_f,), in the unit of the blocks: those towards higher layers, and towards lower ones.
 
     ``layer`` is the number of motions of a layer. Raises :class:`~granphon.base.errors.PrecisionError` where waves cannot be
-    told apart: at an edge of a band, or where motions that reach no other layer resonate.
+    told apart: at an edge of a band, where motions that reach no other layer resonate, where a wave decays so fast that it
+    has no digits, and at any frequency if some motions reach the next layers alone.
     """
     size, count = blocks.inner.shape[-1], len(w)
     reach = size // layer
@@ -99,9 +105,16 @@ def find_bloch_waves(blocks: Couplings, w: Array, layer: int) -> list[tuple[Bloc
     found = []
     for at in range(count):
         lost = [_null_space(coupling[at]) for coupling in (down, up)]
+        # a motion passed on and no further is one at any w, here at one below zero, where nothing resonates
+        between = lost[1].conj().T @ (inner[at] + scale * np.eye(size)) @ lost[0]
+        if between.size and np.linalg.matrix_rank(between, tol=_UNCOUPLED * scale) < min(between.shape):
+            what = "some motions of a layer are passed on to the next ones and no further"
+            raise PrecisionError(what, "They decay infinitely fast, at any frequency", "Choose another axis")
         # 1/(lambda - point): zero where the decay towards lower layers is infinitely fast, and -1/point towards higher ones
         order = np.argsort(np.abs(inverse[at] + 1.0 / _POINT))
         kept = np.setdiff1d(order[lost[0].shape[1] :], np.argsort(np.abs(inverse[at]))[: lost[1].shape[1]])
+        if np.min(np.abs(inverse[at, kept]), initial=1.0) < np.finfo(float).eps ** 2:
+            raise PrecisionError(_ALIKE_WAVES, *_TOO_FAST)
         factors, motions = _POINT + 1.0 / inverse[at, kept], vectors[at][:size, kept]
         couplings = [one[at] for one in steps]
         couplings[reach] = couplings[reach] + w[at] * np.eye(layer)
@@ -179,6 +192,7 @@ def _sort_senses(
         basis = np.concatenate([waves.vectors / np.linalg.norm(waves.vectors, axis=0), still], axis=1)
         if basis.shape[0] != basis.shape[1] or np.linalg.cond(basis) > _ALIKE:
             why = "At the edge of a band waves of both senses are one, and at some frequencies motions of a layer stay in it"
-            raise PrecisionError("the waves at a frequency cannot be told apart", why, "Shift it by a millionth")
+            fast = np.any(inwards[decay] ** reach < LEAST_PART)
+            raise PrecisionError(_ALIKE_WAVES, *(_TOO_FAST if fast else (why, "Shift it by a millionth")))
         found.append(waves)
     return found[0], found[1]

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from granphon.base.arrays import Array
 from granphon.dynamics.blocks import GENERIC
 from granphon.dynamics.compatibility import Compatibility
-from granphon.dynamics.linalg import WELL_ABOVE
+from granphon.dynamics.linalg import WELL_ABOVE, find_nearest
 from granphon.dynamics.rows import Row
 
 #: singular value of C, over the largest, from which it has eleven digits in the motions of balls
@@ -178,11 +178,9 @@ def _split(matrix: Any) -> list[NDArray[np.intp]]:
 def _sharpen(matrix: Any, rows: Any, count: int, top: float) -> Array:
     """Find the lowest singular values (count,) of sparse rows A, ascending; ``matrix`` is A^H A, ``top`` bounds it."""
     from scipy.sparse import eye_array
-    from scipy.sparse.linalg import LinearOperator, eigsh, splu
+    from scipy.sparse.linalg import splu
 
     shift = _SHIFT * top
     factors = splu((matrix + shift * eye_array(matrix.shape[0])).tocsc(), permc_spec="MMD_AT_PLUS_A")
-    inverse = LinearOperator(matrix.shape, matvec=factors.solve, dtype=matrix.dtype)
-    start = np.random.default_rng(0).normal(size=matrix.shape[0]).astype(matrix.dtype)
-    _, vectors = eigsh(matrix, k=count, sigma=-shift, OPinv=inverse, v0=start)
+    _, vectors = find_nearest(matrix, count, -shift, factors.solve)
     return np.asarray(np.linalg.svd(rows @ np.linalg.qr(vectors)[0], compute_uv=False)[::-1])

@@ -335,3 +335,16 @@ def find_dependent(
     count = int(np.count_nonzero(values <= _DEPENDENT * max(values[0], 1.0)))
     basis, _ = np.linalg.qr(adjoint[len(values) - count :].conj().T / lengths[:, None], mode="complete")
     return basis[:, :count], basis[:, count:]
+
+
+def find_nearest(matrix: Any, count: int, shift: float, solve: Callable[[Any], Any], start: Any = None) -> Any:
+    """Find eigenvalues (count,) of a sparse Hermitian matrix, those nearest to ``shift``, and their vectors, by Lanczos.
+
+    ``solve`` applies the inverse of the matrix less the shift; ``start`` is a vector that has a part of each.
+    """
+    from scipy.sparse.linalg import LinearOperator, eigsh
+
+    if start is None:
+        start = np.random.default_rng(0).normal(size=matrix.shape[0]).astype(matrix.dtype)
+    inverse = LinearOperator(matrix.shape, matvec=solve, dtype=matrix.dtype)
+    return eigsh(matrix, k=count, sigma=shift, OPinv=inverse, v0=start)

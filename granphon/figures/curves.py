@@ -509,9 +509,13 @@ def sweep_figure(dataset: Dataset, x: str | None = None, *, variable: str | None
     ``x`` is that of :func:`plot_sweep`.
 
     Velocities that are zero, of waves across a chain, are left out. A sweep without others, as of a mechanism, has the
-    normal stiffness in their place. For a sweep without exponents (finite overlap), or for one ``variable``, there is the
-    upper panel only. Raises what :func:`plot_sweep` raises.
+    normal stiffness in their place; one of motions that observes no velocities has that of the peak, or the greatest force.
+    For a sweep without exponents (finite overlap), or for one ``variable``, there is the upper panel only. Raises what
+    :func:`plot_sweep` raises.
     """
+    observed = json.loads(dataset.attrs.get("observe", "[]"))  # a table of other numbers observes nothing
+    if variable is None and "motion" in observed and "velocities" not in observed:
+        variable = "peak_velocity" if "peak_velocity" in dataset else "greatest_force"
     both = variable is None and "exponent" in dataset
     velocities = {one: name for one, name in _VELOCITIES.items() if one in dataset and np.any(dataset[one] != 0.0)}
     velocities = {} if variable else velocities

@@ -33,6 +33,7 @@ from granphon.balls.diameters import uniform_numbers
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.arrays import Array
+from granphon.dynamics.large_cells import BYTES
 from granphon.dynamics.linalg import MANY_COLUMNS
 from granphon.media.equilibria import reduce_load
 from granphon.media.left_out import estimate_reduced_force, find_spacing
@@ -43,8 +44,8 @@ from granphon.media.simulation import DirectSimulation
 MOST_SECONDS = 10_000 * 86400.0
 #: time of an equilibrium of the small sample per ball, s, on any machine: it takes some microseconds
 _SLOWEST = 1e-3
-#: memory of Python and its libraries, bytes
-_PYTHON_BYTES = 80e6
+#: memory of Python and the libraries that the run of a scene loads, bytes
+_PYTHON_BYTES = 145e6
 #: bytes for each ball while a sample without rotations is worked on, with one, two and three periods, besides those of the
 #: lattice's Green's function
 _BALL_BYTES = {1: 230.0, 2: 450.0, 3: 600.0}
@@ -115,9 +116,12 @@ _HISTORY_STATE_BYTES = {2: 60.0, 3: 150.0}
 _SMALL_SHAPE = (96, 96)
 #: a* of the small sample, and its f*
 _SMALL_SPACING, _SMALL_FORCE = 1.0, 0.3678
-#: size of the small matrix; time of eigenvectors and velocities over that of eigenvalues; and bytes over the square of the
-#: number of branches while values, and vectors, of one wave vector are found
-_SMALL_MATRIX, _VECTORS_TIME, _VALUES_BYTES, _VECTORS_BYTES = 500, 5.0, 36.0, 200.0
+#: size of the small matrix
+_SMALL_MATRIX = 500
+#: time of eigenvectors and velocities over that of eigenvalues
+_VECTORS_TIME = 5.0
+#: bytes over the square of the number of branches while vectors of one wave vector are found
+_VECTORS_BYTES = 200.0
 #: memory of a cluster medium, bytes
 _CLUSTER_BYTES = 2e8
 #: time of a cluster medium, s, and what each of its balls adds, s
@@ -376,15 +380,14 @@ def bands(points: int, branches: int, eigenvectors: bool = True, file: bool = Tr
     """
     square, cube = branches * branches, float(branches) ** 3
     what = f"{'bands' if eigenvectors else 'frequencies'} at {points:,} wave vector{'s' * (points != 1)}"
+    what += f" with {branches:,} branches" * (branches > MANY_COLUMNS)
     kept = points * (2000.0 + (295.0 if file else 32.0) * square if eigenvectors else 50.0 * branches)
     known = 1e-6 * points * (110.0 + (12.0 if file else 0.5) * square if eigenvectors else 110.0 + 0.07 * square)
     working = 0.0
     if branches > MANY_COLUMNS:
         known += points * cube * _measure_eigenvalues() * (_VECTORS_TIME if eigenvectors else 1.0)
-        working = (_VECTORS_BYTES if eigenvectors else _VALUES_BYTES) * square
-    return Cost(
-        working, kept, known=known, parts=(f"{what} with {branches:,} branches" if branches > MANY_COLUMNS else what,)
-    )
+        working = (_VECTORS_BYTES if eigenvectors else BYTES) * square
+    return Cost(working, kept, known=known, parts=(what,))
 
 
 def density_of_states(mesh: tuple[int, ...], branches: int) -> Cost:

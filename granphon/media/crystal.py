@@ -17,6 +17,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from operator import attrgetter
+from string import ascii_uppercase
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -263,10 +264,9 @@ class Crystal(Result):
                 least = 2.0 * large.diameter * (0.5 * (small.diameter + large.diameter) / gap) - large.diameter
                 called = small.name or "AB"[given.index(small)]
                 what = f"ball {called} of {small.diameter:g} m is too small for its site in {structure.name}"
-                why = f"The others, of {large.diameter:g} m, touch each other before they touch it: the ratio of the"
-                why += (
-                    f" diameters is {small.diameter / large.diameter:.4g}, and must be {least / large.diameter:.4g} or more"
-                )
+                ratio, wanted = small.diameter / large.diameter, least / large.diameter
+                why = f"The others, of {large.diameter:g} m, touch each other before they touch it:"
+                why += f" the ratio of the diameters is {ratio:.4g}, and must be {wanted:.4g} or more"
                 raise InputError(what, why, f"Give it a diameter of {least:.6g} m or more")
         return cls(balls_on, cell, scale * structure.positions, **({"name": structure.name} | options))
 
@@ -748,9 +748,8 @@ class Crystal(Result):
             return f"{words} {('', 'N', 'N/m', 'Pa')[self.periods]}"
 
         loads = zip(values.reshape(-1, *values.shape[-2:]), fields, strict=True)
-        return self._solve_each(
-            values, (self._push(name(one), field, stress=one) for one, field in loads), finite_overlap, 2
-        )
+        pushes = (self._push(name(one), field, stress=one) for one, field in loads)
+        return self._solve_each(values, pushes, finite_overlap, 2)
 
     def at_strain(
         self, strain: ArrayLike, *, gravity: ArrayLike | None = None, finite_overlap: bool | None = None
@@ -1265,10 +1264,8 @@ def name_kinds(kinds: Sequence[Ball], known: Mapping[Ball, str] | None = None) -
     """Return the name of each kind: that which is known or its own, or the next of the letters A, B, C, ..."""
     names = {ball: (known or {}).get(ball) or ball.name for ball in kinds}
     taken = {name for name in names.values() if name} | {RIGID_PLANE.name}
-    letters = (
-        "".join(one) for size in itertools.count(1) for one in itertools.product("ABCDEFGHIJKLMNOPQRSTUVWXYZ", repeat=size)
-    )
-    free = (one for one in letters if one not in taken)
+    letters = (map("".join, itertools.product(ascii_uppercase, repeat=size)) for size in itertools.count(1))
+    free = (one for one in itertools.chain.from_iterable(letters) if one not in taken)
     found = tuple(names[ball] or next(free) for ball in kinds)
     if len(set(found)) < len(found) or RIGID_PLANE.name in found:
         twice = next(name for name in found if found.count(name) > 1 or name == RIGID_PLANE.name)

@@ -33,6 +33,7 @@ from granphon.array.sparse_matrices import factorise
 from granphon.balls.contact_laws import PairLaw, opening_overlap
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import ConvergenceError, InputError, InstabilityError, MechanismError
+from granphon.dynamics.linalg import find_nearest
 
 #: residual, over the mean force, at which a state is at rest, and that which must be reached
 _TOLERANCE, _REQUIRED = 2e-15, 1e-12
@@ -389,7 +390,6 @@ class _System:
     def is_floppy(self) -> bool:
         """Whether motions cost no energy while all contacts touch, beside those of the whole; False where not probed."""
         from scipy.sparse import eye_array
-        from scipy.sparse.linalg import LinearOperator, eigsh
 
         frame, d = self.frame, self.frame.dimension
         few = np.zeros(frame.motion.shape[1], bool)  # of balls with no more contacts than dimensions: they are loose
@@ -399,9 +399,8 @@ class _System:
         if not self.factored or size <= still + 1:
             return False
         matrix = self._matrix(press, np.ones(press.shape[0]), 0.0)
-        inverse = LinearOperator(matrix.shape, matvec=factorise(matrix + _SOFT * eye_array(size)).solve, dtype=float)
-        start = np.cos(np.arange(size) ** 2.0)
-        least = eigsh(matrix, k=still + 1, sigma=-_SOFT, OPinv=inverse, v0=start, return_eigenvectors=False)
+        solve = factorise(matrix + _SOFT * eye_array(size)).solve
+        least, _ = find_nearest(matrix, still + 1, -_SOFT, solve)
         return bool(np.max(least) < _SOFT)
 
     def _stay(self, vector: Array) -> Array:
@@ -643,7 +642,6 @@ class _Configuration:
     def go_down(self, system: _System) -> _Configuration | None:
         """Return where to go on from a saddle of the energy; None at a minimum."""
         from scipy.sparse import eye_array
-        from scipy.sparse.linalg import LinearOperator, eigsh
 
         frame, balls = self.frame, system.free[system.free < self.frame.n_free]
         mean = float(np.mean(self.stiffness))
@@ -651,8 +649,7 @@ class _Configuration:
         # forces push no ball aside more than twice all that act on one
         most = 4.0 * float(np.max((np.abs(frame.press.T) @ (self.force / self.r))[: frame.n_free])) / mean
         solve = factorise(own + most * eye_array(len(balls)), pivot=0.01).solve
-        inverse = LinearOperator(own.shape, matvec=solve, dtype=float)
-        value, vector = eigsh(own, k=1, sigma=-most, OPinv=inverse, v0=np.cos(np.arange(len(balls)) ** 2.0))
+        value, vector = find_nearest(own, 1, -most, solve, np.cos(np.arange(len(balls)) ** 2.0))
         if value[0] > -_DOWN * most:
             return None
         way = np.zeros_like(self.x)
@@ -791,9 +788,8 @@ def _explain(
         mend = mend or "Press the crystal from the sides too, or give another load"
         return InputError(what, *(push.lifted or (why, mend)))
     if opened:
-        return InputError(
-            f"all contacts are open under {push.words}", "Balls that do not touch have no stiffness", "Press them"
-        )
+        why = "Balls that do not touch have no stiffness"
+        return InputError(f"all contacts are open under {push.words}", why, "Press them")
     size = typical_force(frame, push, springs)
     with np.errstate(all="ignore"):
         reached = springs.overlap(np.full(springs.count, size))

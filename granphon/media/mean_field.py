@@ -20,6 +20,7 @@ import numpy as np
 
 from granphon.balls.diameters import Discrete, Measured
 from granphon.balls.distributions import PointShape
+from granphon.balls.hertz import LEAST_NORMAL
 from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.loads import Load, require_compressive
 from granphon.balls.packing import Packing, given_packing, require_shallow
@@ -33,13 +34,12 @@ from granphon.laws.spread import AveragedLaw
 from granphon.media.medium import Medium, Option, explain_untouched
 from granphon.media.state import ContactState, Law, read_finite_overlap
 
-#: least normal number of double precision; smaller numbers have lost digits
-_LEAST_NORMAL = np.finfo(float).tiny
 #: rough time of the effective medium, s: for a density of diameters, and for 64 listed ones
 _DENSITY_TIME, _LIST_TIME = 0.03, 0.25
-#: number of overlaps at which contacts open for 64 listed diameters: one for each pair of diameters, 64 * 65 / 2; and the
-#: exponent with which the time grows with it
-_LIST_OPENINGS, _LIST_POWER = 2080.0, 1.25
+#: overlaps at which contacts open for 64 listed diameters: one for each pair
+_LIST_OPENINGS = 64 * 65 / 2
+#: exponent with which the time grows with their number
+_LIST_POWER = 1.25
 #: time below which work is done even when a scene is only checked and not run, s
 _QUICK_TIME = 0.1
 #: where the effective medium has its local field from; the first is the default
@@ -111,7 +111,7 @@ class LawMedium(Medium[ContactState]):
             length = np.maximum(np.abs(overlap), self.packing.width)
             # the last three are of the size of the slope of the stiffness, the pressure and the moduli
             made = np.array([force, stiffness, length, stiffness / length, force / diameter, stiffness / diameter])
-        if not np.all((made >= _LEAST_NORMAL) & (made < np.inf)):
+        if not np.all((made >= LEAST_NORMAL) & (made < np.inf)):
             raise InputError(f"{load.describe(periods)} is too small or too large for double precision")
         modulus = self.packing.material.young_modulus
         require_shallow(modulus, float(np.max(overlap / diameter)), load.describe(periods))

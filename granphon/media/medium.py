@@ -142,8 +142,5 @@ def explain_untouched(load: Load, largest: float) -> InputError:
 
     ``largest`` is the excess of their diameter over the mean, m.
     """
-    return InputError(
-        f"{load} m: no balls touch",
-        f"The largest are {largest:g} m wider than the mean",
-        f"Give an overlap above {-largest:g} m",
-    )
+    why = f"The largest are {largest:g} m wider than the mean"
+    return InputError(f"{load} m: no balls touch", why, f"Give an overlap above {-largest:g} m")

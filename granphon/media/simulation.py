@@ -58,14 +58,16 @@ DEFAULT_SHAPES = {1: (16_384,), 2: (128, 128), 3: (24, 24, 24)}
 read_cells = partial(lengths, low=1, high=20_000)
 #: greatest numbers of balls along a side of a sample, of its cells, and of samples, far beyond what fits into memory
 _MOST_SIDE, _MOST_CELLS, _MOST_SAMPLES = 2**31, 2**48, 2**31
-#: number of wave vectors along each axis at which a lattice is probed for motions that cost nothing (corners, edges and
-#: faces of the zone are among them), and the frequency, in (k/M)^1/2, below which a wave costs nothing
-_PROBED, _SOFT = 12, 1e-6
+#: wave vectors along each axis at which a lattice is probed: corners, edges and faces of the zone are among them
+_PROBED = 12
+#: frequency, (k/M)^1/2, below which a wave costs nothing
+_SOFT = 1e-6
 #: least width over diameter: where overlaps are more than 1e20 widths, some samples find no equilibrium
 _LEAST_WIDTH = 1e-20
-#: for how many balls a ball counts in the exact geometry where a start is solved, and the least that a sample counts for:
-#: both take their time
-_EXACT_BALL, _LEAST_SAMPLE = 20, {False: 625, True: 2500}
+#: time of the start of a ball in the exact geometry over that on the lattice
+_EXACT_BALL = 20
+#: balls whose start takes as long as what any sample takes, on the lattice and in the exact geometry
+_LEAST_SAMPLE = {False: 625, True: 2500}
 #: f* of a start that takes twice as long as one at a high force; below it the time grows as 1/f*
 _SLOW_FORCE = 0.0015
 

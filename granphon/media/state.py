@@ -422,11 +422,9 @@ class ContactState(State, Result):
         Raises :class:`~granphon.base.errors.InputError` for several loads.
         """
         if not self.is_single:
-            raise InputError(
-                f"the state holds {int(np.size(self.force))} loads",
-                "Atoms, force constants and phonons belong to one",
-                "Make a state with one load, as medium.at_force(1.0) does, or take one of these: state[0]",
-            )
+            what = f"the state holds {int(np.size(self.force))} loads"
+            mend = "Make a state with one load, as medium.at_force(1.0) does, or take one of these: state[0]"
+            raise InputError(what, "Atoms, force constants and phonons belong to one", mend)
         return Units(self.packing.diameter, self.normal_stiffness, self.packing.mass)
 
     @property

@@ -41,8 +41,10 @@ _PASSED_ON = re.compile(r'export\{[^}]*\}from"[^"]*";')
 _GIVEN = re.compile(r"export\{([^}]*)\};")
 #: number of the layout of a page's data
 PAGE_SCHEMA = 1
-#: the slider of the load goes so far below and above the loads of the scene, up to this overlap in diameters
-_BELOW, _ABOVE, _MOST_OVERLAP = 1e-2, 1e2, 0.05
+#: lowest force of the slider over the least of the scene, and highest over the greatest
+_BELOW, _ABOVE = 1e-2, 1e2
+#: overlap, over the diameter, up to which the slider goes: above it contacts are no longer small
+_MOST_OVERLAP = 0.05
 #: f* of the first load at the largest width of the slider
 _LEAST_REDUCED = 0.1
 #: most branches of the page of a network

@@ -18,7 +18,7 @@ from granphon.base.errors import InputError, PrecisionError, brief, needing
 from granphon.base.scales import Units
 from granphon.base.text import counted
 from granphon.base.validation import frequency_array, grid_numbers, is_one_of, positive, real_array, whole_number
-from granphon.dynamics.bloch_waves import find_bloch_waves
+from granphon.dynamics.bloch_waves import LEAST_PART, find_bloch_waves
 from granphon.dynamics.compatibility import MOST_BYTES
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.damping import ContactDamping, DampedModes, damp_evenly, damp_unevenly
@@ -60,8 +60,6 @@ _NARROW = 1e-2
 _STARTS, _TURNS = 6, 30
 #: number of branches beyond which it is sought from fewer points, as many edges are near
 _FEW_BRANCHES = 120
-#: part of a wave that the next layer must have, at least: that of a wave number with three digits
-_LEAST_PART = 1e-12
 #: step, 1/d, after which the frequency is that of the extremum to rounding
 _LEVEL = 1e-8
 
@@ -354,8 +352,9 @@ class Phonons:
         damping, loss_factor : viscosity of contacts over their stiffness, s, and part of the stiffness that loses energy at
             any frequency, as in :meth:`Waves.response`: numbers, or tuples of two, for normal and for all other motion.
 
-        Raises :class:`~granphon.base.errors.PrecisionError` for a frequency at the very edge of a band, and for one so high
-        that a wave decays by more than 1e12 from layer to layer.
+        Raises :class:`~granphon.base.errors.PrecisionError` for a frequency at the very edge of a band, for one so high
+        that a wave decays by more than 1e12 from layer to layer, and for an axis across which some motions are passed on to
+        the next layers and no further.
         """
         network = given_network(self.state)
         if len(self.atoms) != int(np.count_nonzero(network.moving)):
@@ -365,13 +364,13 @@ class Phonons:
         damped = ContactDamping.of(space.cut, damping, loss_factor)
         along, omega = space.read_wavevector(q), at / space.units.frequency
         blocks = space.couplings(along, *(() if damped.is_none else damped.soften(2.0 * np.pi * at)))
-        far = omega**2 * _LEAST_PART > np.max(np.abs(blocks.inner))
+        far = omega**2 * LEAST_PART > np.max(np.abs(blocks.inner))
         senses = [] if np.any(far) else find_bloch_waves(blocks, omega**2, space.size // space.reach)
         for n, pair in enumerate(senses):
-            far[n] = any(np.any(np.abs(one.factors) ** sign < _LEAST_PART) for one, sign in zip(pair, (1, -1), strict=True))
+            far[n] = any(np.any(np.abs(one.factors) ** sign < LEAST_PART) for one, sign in zip(pair, (1, -1), strict=True))
         if np.any(far):
-            what = f"at {float(at[far][0]):g} Hz a wave decays by more than {1.0 / _LEAST_PART:g} from layer to layer"
-            raise PrecisionError(what, "Its wave number would have no digits", "Take other frequencies")
+            what = f"at {float(at[far][0]):g} Hz a wave decays by more than {1.0 / LEAST_PART:g} from layer to layer"
+            raise PrecisionError(what, "Its wave number would have no digits", "Take lower frequencies")
         size = space.size
         found = np.empty((len(at), 2, size), complex)
         for row, pair in zip(found, senses, strict=True):
@@ -509,22 +508,24 @@ class Phonons:
         for one in np.flatnonzero(np.tile(width < _NARROW * float(high[-1]), 2)):
             place = one if one < len(width) else edges - len(gaps) + np.flatnonzero(gaps > 0)[one - len(width)]
             near = starts[place * several : (place + 1) * several]
-            best[place] = max(best[place], *(self._zoom(q0, branch[place], sign[place], reach) for q0 in near))
+            best[place] = max(best[place], self._zoom(near, branch[place], sign[place], reach))
         edge = sign * best
         lower, upper = edge[: edges - len(gaps)], edge[edges - len(gaps) :]
         lower = np.concatenate([np.zeros(len(gaps) - len(lower)), lower])
         found = np.stack([np.maximum(lower, below[gaps]), upper], axis=1)[upper - lower > least]
         return np.reshape(found, (-1, 2)) * self.scales.frequency
 
-    def _zoom(self, wavevector: Array, branch: int, sign: float, reach: float) -> float:
-        """Return the highest frequency times ``sign`` of a branch about a wave vector (p,), 1/d, on ever finer meshes."""
+    def _zoom(self, wavevectors: Array, branch: int, sign: float, reach: float) -> float:
+        """Return the highest frequency times ``sign`` of a branch about wave vectors (n, p), 1/d, on ever finer meshes."""
         offsets = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 7)] * self._periods), axis=-1).reshape(-1, self._periods)
-        q, best = wavevector, -np.inf
-        while reach > _LEVEL:
-            values = sign * self.lattice.frequencies(q + reach * offsets)[:, branch]
-            place = int(np.argmax(values))
-            best, q = max(best, float(values[place])), q + reach * offsets[place]
-            reach *= 0.7 if np.max(np.abs(offsets[place])) < 1.0 else 0.95
+        q, size, best = wavevectors, np.full(len(wavevectors), reach), -np.inf
+        while size.size:
+            near = q[:, None] + size[:, None, None] * offsets
+            values = sign * self.lattice.frequencies(near.reshape(-1, self._periods))[:, branch].reshape(len(q), -1)
+            place = np.argmax(values, axis=1)
+            best, q = max(best, float(values.max())), near[np.arange(len(q)), place]
+            size = size * np.where(np.max(np.abs(offsets[place]), axis=1) < 1.0, 0.7, 0.95)
+            q, size = q[size > _LEVEL], size[size > _LEVEL]
         return best
 
     def _make_mesh(self, numbers: tuple[int, ...], reduce: bool = True) -> ZoneMesh:

@@ -25,8 +25,10 @@ from granphon.phonons.paths import default_letters, interpolate_path, special_po
 
 #: angular frequency, over the highest, that stands for zero in a spectrum: its limit
 _ZERO = 1e-7
-#: number of frequencies of a map, and its highest, over that of the bands
-_ROWS, _ABOVE = 241, 1.05
+#: number of frequencies of a map
+_ROWS = 241
+#: highest frequency of a map over the highest of the bands
+_ABOVE = 1.05
 
 
 @dataclass(frozen=True, eq=False, repr=False)

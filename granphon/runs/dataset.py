@@ -108,7 +108,7 @@ _VELOCITIES = {"longitudinal", "transverse", "transverse_slow", "transverse_fast
 #: variables that are infinite for equal balls, or where no error is known
 _MAY_BE_INFINITE = {"reduced_force", "reduced_spacing", "expected_error", "mean_free_path", "damped_quality"}
 #: attributes that hold a JSON text, and its type
-_JSON = {"packing": dict, "media": list, "versions": dict, "warnings": list}
+_JSON = {"packing": dict, "media": list, "observe": list, "versions": dict, "warnings": list}
 _WORDS = {dict: "mapping", list: "list"}
 
 
@@ -221,7 +221,7 @@ def make_frame(grid: Grid) -> Dataset:
     attrs = {
         "format": FORMAT, "schema": SWEEP_SCHEMA, "versions": to_json({**packages(), **versions("xarray", "h5netcdf")}),
         "media": to_json([{one.name: one.settings_on(packing.structure)} for one in grid.media]),
-        "finite_overlap": int(all(finite)), "direction": along,
+        "finite_overlap": int(all(finite)), "direction": along, "observe": to_json(asked.observe),
     }  # fmt: skip
     if (waves := asked.waves) is not None:
         attrs["waves"] = to_json({"of": waves, "exponents": asked.exponents})
@@ -344,12 +344,8 @@ def fill(frame: Dataset, grid: Grid, parts: list[TaskResult]) -> Dataset:
         stack = np.array([part[name] for part in parts])
         stack = stack.reshape(*counts, frame.sizes["medium"], load.size, *stack.shape[2:])
         stack = np.moveaxis(stack, (len(axes) + 1, len(axes)), (0, 1))
-        entry = CATALOGUE[name]
-        variables[name] = (
-            (*dims, *(along if entry.per_direction else ()), *entry.dims),
-            stack,
-            _list_attributes(name, stack, packing),
-        )
+        own = (*dims, *along * CATALOGUE[name].per_direction, *CATALOGUE[name].dims)
+        variables[name] = (own, stack, _list_attributes(name, stack, packing))
     if "tensor" in names:
         frame = frame.assign_coords(dict.fromkeys(CATALOGUE["tensor"].dims, voigt))
     along_path = dict(frame.data_vars)  # assigned last, to stand after the variables along it
@@ -610,9 +606,8 @@ def _try_elsewhere(path: str | os.PathLike[str], data: bytes) -> None:
     except subprocess.TimeoutExpired:
         raise _explain_unreadable(path, f"HDF5 has not opened it in {TRIAL_SECONDS:.0f} seconds: it is damaged") from None
     except OSError as error:
-        raise _explain_unreadable(
-            path, f"It carries no digest, and no process could be started to test it: {error}"
-        ) from None
+        why = f"It carries no digest, and no process could be started to test it: {error}"
+        raise _explain_unreadable(path, why) from None
     if done.returncode != 0 or done.stdout.strip() != b"good":
         said = done.stderr.decode("utf-8", "replace").strip().splitlines()
         raise _explain_unreadable(path, f"HDF5 fails on it: {said[-1] if done.returncode > 0 and said else 'it crashes'}")
@@ -633,9 +628,8 @@ class SweepAccessor:
         try:
             found: Packing = restore(json.loads(self._dataset.attrs["packing"]), Packing, "the attribute packing")
         except (KeyError, ValueError, TypeError):
-            raise InputError(
-                "the data set holds no packing", "It is a crystal's, or was not made by granphon.sweep"
-            ) from None
+            why = "It is a crystal's, or was not made by granphon.sweep"
+            raise InputError("the data set holds no packing", why) from None
         return found
 
     def plot(self, **options: Any) -> Any:

@@ -129,11 +129,8 @@ class Store:
                     why = "This work has no parts that are kept, and its result would stand beside it"
                 elif not before:
                     why = "The file does not say which work it belongs to"
-                raise FileExistsInRunError(
-                    f"{self.path} holds the finished part of other work",
-                    why,
-                    "Repeat that command, use --force (force=True, overwrite=True), or choose another folder",
-                )
+                mend = "Repeat that command, use --force (force=True, overwrite=True), or choose another folder"
+                raise FileExistsInRunError(f"{self.path} holds the finished part of other work", why, mend)
             self.clear()
         if there and self.path.exists() and not os.access(self.path, os.W_OK):
             raise self._explain(PermissionError(errno.EACCES, os.strerror(errno.EACCES)))

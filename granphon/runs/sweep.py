@@ -184,7 +184,8 @@ def sweep(
 
     # bands are those of a mechanism too
     along_path = None if bands is None else (bands, npoints, labels)
-    asked = Asked(finite_overlap, along_path, way, waves, sound=bands is None)
+    observe = ("velocities", *("bands",) * (bands is not None), *(waves.names if waves is not None else ()))
+    asked = Asked(finite_overlap, along_path, way, waves, sound=bands is None, observe=observe)
     grid = Grid(packing, axes, choices, load, asked)
     if waves is not None:
         from granphon.runs.wave_records import require_waves  # imported here: a sweep without waves does not need it
@@ -195,9 +196,7 @@ def sweep(
                 require_waves(case.serving_media, waves)
             except GranphonError as error:
                 raise type(error)(f"{case.label}: {error}") from None
-    return sweep_grid(
-        grid, executor=executor, progress=progress, path=path, resume=resume, overwrite=overwrite, store=store,
-    )  # fmt: skip
+    return sweep_grid(grid, executor=executor, progress=progress, path=path, resume=resume, overwrite=overwrite, store=store)
 
 
 def sweep_grid(

@@ -103,7 +103,7 @@ class Asked:
     bands : how contacts damp the bands; None for bands without loss alone.
     exponents : whether those of the velocities are, for which a simulation solves two more equilibria at each load.
     sound : whether a lattice that has no velocities, a mechanism, is an error; otherwise they are left out.
-    observed : the registered observables that must be found.
+    observe : the words for what is asked, as of a scene; a registered observable among them must be found.
     alone : whether it is the only state. The balls of its samples are kept, for files and figures of them, and messages need
         not say which state they are about.
     """
@@ -117,7 +117,7 @@ class Asked:
     exponents: bool = True
     sound: bool = True
     alone: bool = False
-    observed: tuple[str, ...] = ()
+    observe: tuple[str, ...] = ("velocities",)
 
     def find_path(self, structure: Lattice) -> tuple[Array, tuple[str, ...]] | None:
         """Find the points along the path of the bands, (s, p, 3), and the labels of its corners; None without bands."""
@@ -324,7 +324,7 @@ class MediumTask(Task):
         """The tasks that can run side by side: one for each sample of a simulation, or this task itself."""
         samples = self.serving.samples
         ends = [f", seed {one.medium.settings['seed']}" * (len(samples) > 1) for one in samples]
-        asked = replace(self.asked, path=None, direction=None, surface=None)  # none is asked for of a sample
+        asked = replace(self.asked, path=None, direction=None, surface=None, observe=())  # none is asked for of a sample
         return [SampleTask(self.where + end, one, asked) for end, one in zip(ends, samples, strict=True)] or [self]
 
     def join(self, parts: Sequence[TaskResult]) -> TaskResult:
@@ -363,7 +363,7 @@ class MediumTask(Task):
         notes: list[Check | str] = [
             one for one in analysis.validity.checks if one.failing or self.serving.chosen_automatically
         ]
-        find = partial(find_all, analysis, swept=True, observed=asked.observed)
+        find = partial(find_all, analysis, swept=True, observed=asked.observe)
         out = find(("state",))
         try:
             # a floor or clamp holds the balls, which long waves move

@@ -89,9 +89,12 @@ _STILL = 1e-3
 _ROUNDING = 1e-10
 #: least number of steps in a period of a shaker
 _PER_PERIOD = 10
-#: parts of the greatest distance between which velocities are read, the least correlation of a line, and the greatest
-#: change of its slope between a quarter and three quarters of them, over the slope: what diffuses, t ~ x^2, has a half
-_BETWEEN, _STRAIGHT, _BENT = (0.25, 0.75), 0.9, 0.25
+#: parts of the greatest distance between which velocities are read
+_BETWEEN = (0.25, 0.75)
+#: least correlation of a line
+_STRAIGHT = 0.9
+#: greatest change of its slope between these parts, over the slope: what diffuses, t ~ x^2, has a half
+_BENT = 0.25
 
 
 def require_waves(serving_media: Sequence[ServingMedium], wanted: WaveSettings, most: float = np.inf) -> None:

@@ -29,7 +29,7 @@ from functools import cache
 from multiprocessing.connection import wait
 from typing import Any, cast
 
-from granphon.base.errors import GranphonError, InputError, needing
+from granphon.base.errors import GranphonError, InputError, require_installed
 from granphon.base.text import versions
 from granphon.media.cost import available_memory
 from granphon.runs import MOST_WORKERS
@@ -203,8 +203,8 @@ def require_workers(workers: int | None, scheduler: str | None) -> str | int | N
     if workers is not None:
         what = "both --workers and --scheduler are given"
         raise InputError(what, "The workers are those of the scheduler", "Leave one of them out")
-    with needing("A scheduler", *("distributed", "cryptography")[: 1 + local]):  # the latter is for a local one
-        return int(count) if local else scheduler
+    require_installed("A scheduler", "distributed", *("cryptography",) * local)
+    return int(count) if local else scheduler
 
 
 @contextmanager

@@ -342,9 +342,8 @@ class Plan:
         path = (self.path.arrays, self.band_points, self.path.labels) if "bands" in self.observe else None
         asked = Asked(
             self.finite_overlap, path=path, direction=self.direction, waves=self.waves, exponents=sound,
-            surface=self._asked("surface"), bands=self._asked("bands"),
+            surface=self._asked("surface"), bands=self._asked("bands"), observe=self.observe,
             sound=sound or not {"bands", "dos", "surface", *NETWORK_BLOCKS} & set(self.observe), alone=self.is_single,
-            observed=tuple(name for name in self.observe if name not in rules.OBSERVABLES),
         )  # fmt: skip
         return Grid(self.packing, self.axes, self.media, self.load.applied.flat, asked)
 

@@ -101,9 +101,7 @@ def redraw(
 
         found = _read_files(str(source), have)
         if found.dataset is not None:
-            scene = source / "scene.yaml"
-            seen = read_yaml(scene).get("observe", ()) if scene.is_file() else ()
-            return draw_sweep(found.dataset, target.name if kept == "sweep" else kept, variable, seen)
+            return draw_sweep(found.dataset, target.name if kept == "sweep" else kept, variable)
         lattice = _find_lattice(source) if asymptotes and found.bands is not None else None
         gaps = read_summary(source).get("gaps") if (source / "summary.yaml").is_file() else None
         return bands_figure(found.bands, found.dos, asymptotes=lattice, gaps=gaps or None)

@@ -41,7 +41,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -445,9 +445,8 @@ class RunResult:
     def _repr_html_(self) -> str:
         numbers = self.summary()
         entries = {name: self.entry(name) for name in numbers}
-        return write_html(
-            type(self).__name__, ((name, numbers[name], one.unit if one else "") for name, one in entries.items())
-        )
+        rows = ((name, numbers[name], one.unit if one else "") for name, one in entries.items())
+        return write_html(type(self).__name__, rows)
 
     # -- files ----------------------------------------------------------------------------------------------------------
 
@@ -470,7 +469,7 @@ class RunResult:
             from granphon.figures.bands import bands_figure
 
             return bands_figure(self.bands, self.dos, gaps=self.gaps)
-        return draw_sweep(self.dataset, name, seen=self.scene.observe)
+        return draw_sweep(self.dataset, name)
 
 
 def _describe_alone(
@@ -586,20 +585,13 @@ def _write_summary(result: RunResult, used: Mapping[str, str]) -> str:
             for c in result.validity.checks
         ]
         limits = {"ok": bool(result.validity.ok), "validity": checks}
-    return dump_yaml(
-        {
-            "schema": SUMMARY_SCHEMA,
-            "versions": used,
-            "source": None if scene.source is None else scene.source.name,
-            "observe": scene.observe,
-            "finite_overlap": result.finite_overlap,
-            **numbers,
-            **limits,
-            "warnings": result.warnings,
-            "files": [path.name for path in result.files],
-            "units": {name: one.unit for name in numbers if (one := result.entry(name)) is not None and one.unit},
-        }
-    )
+    entries = {name: result.entry(name) for name in numbers}
+    return dump_yaml({
+        "schema": SUMMARY_SCHEMA, "versions": used, "source": None if scene.source is None else scene.source.name,
+        "observe": scene.observe, "finite_overlap": result.finite_overlap, **numbers, **limits,
+        "warnings": result.warnings, "files": [path.name for path in result.files],
+        "units": {name: one.unit for name, one in entries.items() if one is not None and one.unit},
+    })  # fmt: skip
 
 
 def read_summary(folder: Path) -> dict[str, Any]:
@@ -615,11 +607,8 @@ def read_summary(folder: Path) -> dict[str, Any]:
 # -- figures ----------------------------------------------------------------------------------------------------------
 
 
-def draw_sweep(dataset: Any, name: str, variable: str | None = None, seen: Collection[str] = ()) -> Any:
-    """Draw the figure of a data set that the ``name`` of its file means, or that of one ``variable``.
-
-    Of a scene whose observations ``seen`` are motions without velocities the variable is the velocity of the peak.
-    """
+def draw_sweep(dataset: Any, name: str, variable: str | None = None) -> Any:
+    """Draw the figure of a data set that the ``name`` of its file means, or that of one ``variable``."""
     stem = Path(name).stem
     if variable is None and stem in NETWORK_BLOCKS:
         from granphon.figures.plot import draw_states
@@ -631,6 +620,4 @@ def draw_sweep(dataset: Any, name: str, variable: str | None = None, seen: Colle
         return sweep_dos_figure(dataset) if stem == "sweep_dos" else sweep_spectra_figure(dataset)
     from granphon.figures.curves import sweep_figure
 
-    if variable is None and "motion" in seen and "velocities" not in seen:
-        variable = "peak_velocity" if "peak_velocity" in dataset else "greatest_force"
-    return sweep_figure(dataset) if variable is None else sweep_figure(dataset, variable=variable)
+    return sweep_figure(dataset, variable=variable)

@@ -21,18 +21,26 @@ from granphon.balls import hertz
 from granphon.balls.contact_laws import opening_overlap
 from granphon.base.arrays import Array, Index
 
-#: contacts that are worked on at a time, which stay in the processor's cache
-_BLOCK = 16384
+#: numbers that are worked on at a time, which stay in the processor's cache
+_ROOM = 2**17
 #: what stands for zero where it divides zero
 _NONE = np.finfo(float).tiny
 #: change of an overlap, over the overlap, below which the mean force is that of both ends: the rest is below rounding
 _CLOSE = 1e-5
 
 
-def divide(n: int, rows: int, size: int = _BLOCK) -> list[Any]:
-    """Return parts of n contacts, each as a slice of them, and then ``rows`` arrays to work with, (contacts,)."""
+class Part(NamedTuple):
+    """A part of the contacts, and room to work with, (rows, contacts)."""
+
+    at: slice
+    room: Array
+
+
+def divide(n: int, rows: int, divides: bool) -> list[Part]:
+    """Return parts of n contacts with so many rows of room, or all as one."""
+    size = _ROOM // rows if divides else max(n, 1)
     room = np.empty((rows, min(n, size)))
-    return [(slice(low, low + size), *room[:, : n - low]) for low in range(0, n, size)]
+    return [Part(slice(low, min(low + size, n)), room[:, : n - low]) for low in range(0, n, size)]
 
 
 def share(values: Array) -> Array:
@@ -42,6 +50,9 @@ def share(values: Array) -> Array:
 
 class Powers:
     """Normal forces c h_+^a of contacts (n,), as functions of their elongation e from rest."""
+
+    #: whether parts of the contacts can be asked for
+    divides = True
 
     def __init__(self, exponent: float, coefficient: Array, overlap: Array) -> None:
         self.exponent, self.coefficient, self.overlap = exponent, share(coefficient), share(overlap)
@@ -89,6 +100,8 @@ class Powers:
 
 class PairLaws:
     """Normal forces by the laws of pairs (:class:`~granphon.balls.contact_laws.PairLaw`), each of some of the contacts."""
+
+    divides = False
 
     def __init__(self, groups: Sequence[tuple[Any, Index]], overlap: Array, apart: int = 0) -> None:
         self.groups, self.overlap, self.least = groups, overlap, np.zeros(len(overlap))
@@ -153,12 +166,12 @@ class ContactForces:
     slips : number of slips.
     mu : of Coulomb's limit.
     times : (2,) tau of dashpots, or (2, n), s.
+    is_damped : whether there are dashpots.
     """
 
     def __init__(self, normal: Powers | PairLaws, ratio: Array, slips: int, mu: float, times: Array) -> None:
         self.normal, self.ratio, self.slips, self.mu, self.times = normal, ratio, slips, mu, times
-        self._half, n = share(0.5 * ratio), ratio.shape[1]
-        self._blocks = divide(n, 3, _BLOCK if isinstance(normal, Powers) else max(n, 1))
+        self.is_damped, self._half = bool(np.any(times)), share(0.5 * ratio)
 
     def begin(self, e: Array, moved: Array, held: Array) -> Touch:
         """Return contacts that have come to e and deformations ``moved`` (rows - 1, n) without sliding, but for the limit.
@@ -167,33 +180,31 @@ class ContactForces:
         """
         change, k = self.normal.press(e)
         touch = Touch(e, np.concatenate([change[None], held + self.ratio * k * moved]), k)
-        for at, limit, *_ in self._blocks:
-            self._slide(touch.pull, at, limit)
+        self._slide(touch.pull, slice(None), np.empty_like(e))
         return touch
 
-    def follow(self, before: Touch, e: Array, moved: Array, held: Array, out: Touch | None = None) -> tuple[Touch, float]:
-        """Return contacts after deformations ``moved`` (rows - 1, n) on the way to e, and the work of slip, twist and roll.
+    def follow(self, before: Touch, after: Touch, moved: Array, held: Array, part: Part) -> float:
+        """Set forces and stiffnesses of a part of the contacts ``after`` deformations (rows - 1, n) on the way to their
+        elongations, and return the work of slip, twist and roll.
 
-        ``held`` are the tangential forces before, as they have turned. ``out`` is not needed any more, and written over.
+        ``held`` are the tangential forces before, as they have turned.
         """
-        pull, k = (np.empty_like(before.pull), np.empty_like(before.k)) if out is None else (out.pull, out.k)
-        work = 0.0
-        for at, least, mean, part in self._blocks:
-            now, then = k[at], before.k[at]
-            self.normal.press(e[at], at, (pull[0, at], now))
-            if not len(moved):
-                continue
-            np.add(np.minimum(now, then, out=least), now, out=mean)
-            least /= np.maximum(then, _NONE, out=part)  # what the law leaves of a force: nothing where contacts were open
-            rows = [(t[at], way[at], old[at]) for t, way, old in zip(pull[1:], moved, held, strict=True)]
-            for (t, way, old), half in zip(rows, self._half, strict=True):
-                np.multiply(half[at], mean, out=t)
-                t *= way
-                t += np.multiply(old, least, out=part)
-            self._slide(pull, at, mean)
-            for t, way, old in rows:
-                work += 0.5 * float(np.dot(t, way) + np.dot(old, way))
-        return Touch(e, pull, k), work
+        at, (least, mean, product, *_) = part
+        now, then, work = after.k[at], before.k[at], 0.0
+        self.normal.press(after.e[at], at, (after.pull[0, at], now))
+        if not len(moved):
+            return work
+        np.add(np.minimum(now, then, out=least), now, out=mean)
+        least /= np.maximum(then, _NONE, out=product)  # what the law leaves of a force: nothing where contacts were open
+        rows = [(t[at], way[at], old[at]) for t, way, old in zip(after.pull[1:], moved, held, strict=True)]
+        for (t, way, old), half in zip(rows, self._half, strict=True):
+            np.multiply(half[at], mean, out=t)
+            t *= way
+            t += np.multiply(old, least, out=product)
+        self._slide(after.pull, at, mean)
+        for t, way, old in rows:
+            work += 0.5 * float(np.dot(t, way) + np.dot(old, way))
+        return work
 
     def _slide(self, pull: Array, at: slice, limit: Array) -> None:
         """Bring forces of slip to Coulomb's limit, which is written to ``limit``."""
@@ -214,11 +225,6 @@ class ContactForces:
         out[0] *= -self.times[0]
         out[1:] *= self.times[1] * self.ratio
         return out
-
-    @property
-    def is_damped(self) -> bool:
-        """Whether there are dashpots."""
-        return bool(np.any(self.times))
 
     def springs(self, pull: Array, k: Array) -> float:
         """Return the energy of slip, twist and rolling, J."""

@@ -32,6 +32,7 @@ from granphon.base.results import Result
 from granphon.base.text import counted
 from granphon.base.validation import not_negative, whole_number
 from granphon.dynamics.damping import ContactDamping, DampedModes, damp_evenly, damp_unevenly
+from granphon.dynamics.linalg import find_nearest
 from granphon.networks.network import ContactNetwork
 from granphon.observables.validity import check_network
 from granphon.waves.chebyshev import Kernel, Moments, polynomials
@@ -92,9 +93,10 @@ _LARGEST = 10_000
 _SHARE = 3
 #: shift of the factors for the lowest modes, over top^2
 _SHIFT = 1e-6
-#: products with D that tell whether a network too large to be factorised is stable, and how well they tell an eigenvalue,
-#: over top^2. D is lower than the whole by a tenth of that, where overlaps are a fiftieth of the diameter
-_KRYLOV, _SEEN = 400, 1e-5
+#: products with D that tell whether a network too large to be factorised is stable
+_KRYLOV = 400
+#: how well they tell an eigenvalue, over top^2. D is lower than the whole by a tenth of that, where overlaps are d/50
+_SEEN = 1e-5
 #: frequency over the top, up to which a mode that grows counts as one at rest: forces of programs balance to 1e-6 or so
 _BALANCED = 1e-5
 #: part of the largest entry of a column from which a pivot of a damped matrix is taken on the diagonal
@@ -650,8 +652,6 @@ def _find_dense(problem: Problem, count: int, target: float) -> Eigenpairs:
 
 
 def _find_factored(problem: Problem, count: int, target: float) -> Eigenpairs:
-    from scipy.sparse.linalg import LinearOperator, eigsh
-
     size, top = problem.live.size, problem.top
     zero = ZERO * top
     zeros = problem.count_below(zero**2)
@@ -661,10 +661,8 @@ def _find_factored(problem: Problem, count: int, target: float) -> Eigenpairs:
     shift = -_SHIFT * top**2 if lowest else target**2
     solve = problem.factors(shift).solve
     wanted = count + _SPARE + (zeros if lowest else 0)
-    start = np.random.default_rng(0).normal(size=size)
     while wanted * _SHARE <= size:
-        inverse = LinearOperator((size, size), matvec=solve, dtype=np.float64)
-        _, vectors = eigsh(problem.shifted(0.0), k=wanted, sigma=shift, OPinv=inverse, v0=start)
+        _, vectors = find_nearest(problem.shifted(0.0), wanted, shift, solve)
         omega, vectors, residual = problem.refine(vectors)
         chosen = problem.choose(omega, count, target)
         if chosen.size == count and np.max(residual[chosen]) <= RESIDUAL:

@@ -44,7 +44,7 @@ from granphon.media.crystal import Crystal, CrystalState
 from granphon.media.limits import check_limit
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.waves.contact_forces import ContactForces, PairLaws, Powers, Touch
-from granphon.waves.directions import FixedDirections, PlaneDirections, TrueDirections
+from granphon.waves.directions import FixedDirections, Moment, PlaneDirections, TrueDirections
 from granphon.waves.motion import Frames, Motion
 from granphon.waves.neighbours import find_neighbours, leave_out, orient
 from granphon.waves.operator import WaveOperator
@@ -341,7 +341,7 @@ class _System:
             raise InputError(what, "It moves as that says, whatever acts on it", "Give it one drive")
         self.network = replace(network, masses=masses) if self.moved else network
         self.operator = operator = WaveOperator(self.network)
-        self.fixed = FixedDirections(operator, self.moved)
+        self.fixed = FixedDirections(operator, self.moved, waves.normal.divides)
         self._ways = [one.displacement for one in drives if one.displacement is not None]
         self._lifts = [one.force for one in drives if one.force is not None]
 
@@ -372,7 +372,8 @@ class _System:
             planar = {*motions.translations} <= {0, 1} and {*motions.rotations} <= {2}
             planar = planar and not any(np.any(one[..., 2]) for one in (self.network.normal, *(a for _, a in self.moved)))
             kind = PlaneDirections if planar else TrueDirections
-            self.where: Any = kind(self.operator, self.fixed, self.moved, rest, (i, j, shift), self._bulge)
+            more = (i, j, shift)
+            self.where: Any = kind(self.operator, self.fixed, self.moved, rest, more, self._bulge, normal.divides)
         else:
             self.where = self.fixed
         times = waves.damping
@@ -415,7 +416,7 @@ class _System:
     def choose_step(self, x: Array, energy: float) -> float:
         """Return a step for the contacts at the start, and for those that a ball of this kinetic energy, J, would press."""
         normal = self.waves.normal
-        _, e, _ = self.fixed.step(None, x, np.zeros(len(self.moved)))
+        e = self.fixed.locate(x, np.zeros(len(self.moved))).e
         size = float(np.mean(self.network.radii[self.network.moving]))
         # the first of these depths that takes the energy, by bisection
         depths = 1e-12 * size * 1.25 ** np.arange(201.0)
@@ -478,9 +479,10 @@ class _System:
         self.ways, self.lifts = self._follow(0.0)
         if np.any(self.ways):
             raise InputError("a displacement does not begin at zero", mend="Give a function that is zero at zero")
-        still, *_ = where.step(None, np.zeros_like(x), np.zeros_like(self.ways))
-        self.at, e, way = where.step(still, x, self.ways)
-        self.touch = forces.begin(e, way, where.held)
+        still, self.at = where.locate(np.zeros_like(x), np.zeros_like(self.ways)), where.locate(x, self.ways)
+        for part in where.parts:
+            where.step(still, self.at, np.zeros((where.count, len(self.at.e))), part)
+        self.touch = forces.begin(self.at.e, where.way, where.held)
         nothing = np.zeros(self.network.n_contacts)
         self._at_rest = forces.springs(np.concatenate([nothing[None], where.held]), forces.normal.press(nothing)[1])
         # of slip, twist and roll, of dashpots, and of drives
@@ -506,11 +508,9 @@ class _System:
         self.v += kick
         moved = step * self.v
         self.x += moved
-        # contacts follow: their slips, their forces, and how these turn
-        at, e, way = where.step(old_at, self.x, ways, self._spare[0])
-        self.touch, spent = forces.follow(old, e, way, where.turn(old.pull, old_at, at), self._spare[1])
-        where.turn_on(self.touch.pull, old_at, at)
-        self.at, pull, self._spare = at, self.touch.pull, (old_at, old)
+        # contacts follow: their slips, how their forces turn, and the forces
+        self.at, self.touch, spent = self._follow_balls(self.x, ways, True)
+        at, pull, self._spare = self.at, self.touch.pull, (old_at, old)
         self.worked[0] += spent
         if forces.is_damped:
             # the speed at the end of the step, but for what dashpots change within it
@@ -518,7 +518,7 @@ class _System:
             before, self.dash = self.dash, forces.damp(self.touch.k, rate)
             pull = pull + self.dash
             mean = 0.5 * (before + self.dash) if np.shape(before) == self.dash.shape else self.dash
-            self.worked[1] += _lose(mean, e - old.e, way)
+            self.worked[1] += _lose(mean, at.e - old.e, where.way)
         # the other half
         self.acceleration = self._act(at, pull, lifts)
         np.multiply(0.5 * step, self.acceleration, out=kick)
@@ -528,18 +528,28 @@ class _System:
             self.worked[2] += 0.5 * (before + self.resist) @ (ways - self.ways)
         return moved
 
+    def _follow_balls(self, x: Array, ways: Array, whole: bool) -> tuple[Moment, Touch, float]:
+        """Return contacts when balls have come to ``x``, turned half or ``whole``, and the work of slip, twist and roll."""
+        where, before, old, (spare_at, spare), spent = self.where, self.at, self.touch, self._spare, 0.0
+        at = where.begin(x, ways, spare_at)
+        touch = Touch(at.e, *((np.empty_like(old.pull), np.empty_like(old.k)) if spare is None else spare[1:]))
+        for part in where.parts:
+            where.step(before, at, old.pull, part)
+            spent += self.forces.follow(old, touch, where.way, where.turned, part)
+            if whole:
+                where.turn_on(touch.pull, at, part)
+        return at, touch, spent
+
     def _solve(self, ways: Array, lifts: Array) -> Array:
         """Make an implicit step, whose energies add up, and return what has moved."""
         where, forces, old_at, old, step = self.where, self.forces, self.at, self.touch, self.step
         guess, size = 2.0 * self.acceleration - self.last, math.inf
         for _ in range(_ITERATIONS):
             moved = step * (self.v + 0.5 * step * guess)
-            at, e, way = where.step(old_at, self.x + moved, ways)
-            held = where.turn(old.pull, old_at, at)
-            touch, spent = forces.follow(old, e, way, held)
-            pull = np.concatenate([forces.normal.mean(old.e, e)[None], 0.5 * (held + touch.pull[1:])])
+            at, touch, spent = self._follow_balls(self.x + moved, ways, False)
+            pull = np.concatenate([forces.normal.mean(old.e, at.e)[None], 0.5 * (where.turned + touch.pull[1:])])
             if forces.is_damped:
-                dash = forces.damp(0.5 * (old.k + touch.k), np.concatenate([(e - old.e)[None], way]) / step)
+                dash = forces.damp(0.5 * (old.k + touch.k), np.concatenate([(at.e - old.e)[None], where.way]) / step)
                 pull += dash
             found = self._act(at, pull, 0.5 * (self.lifts + lifts), old_at)
             change, size = float(np.max(np.abs(found - guess))), float(np.max(np.abs(found)))
@@ -548,13 +558,14 @@ class _System:
             guess = found
         else:
             raise _Stop(_UNSOLVED)
-        where.turn_on(touch.pull, old_at, at)
+        for part in where.parts:
+            where.turn_on(touch.pull, at, part)
         self.last, self.acceleration, self.at, self.touch = self.acceleration, guess, at, touch
         self.x += moved
         self.v += step * guess
         self.worked[0] += spent
         if forces.is_damped:
-            self.worked[1] += _lose(dash, touch.e - old.e, way)
+            self.worked[1] += _lose(dash, touch.e - old.e, where.way)
         if self._ways:
             self.worked[2] += where.resist(at, pull, old_at) @ (ways - self.ways)
         return moved
@@ -602,7 +613,9 @@ class _System:
 
     def _watch(self, ways: Array) -> None:
         """List anew the balls that may meet, if one may move in a step to ``ways`` by more than half of the margin."""
-        speed = math.sqrt(3.0) * max(self.v.max(), -self.v.min()) / self._lightest  # no ball is faster
+        from scipy.linalg.blas import idamax
+
+        speed = math.sqrt(3.0) * abs(float(self.v[idamax(self.v)])) / self._lightest  # no ball is faster
         self._travelled += self.step * speed + (float(np.max(np.abs(ways - self.ways))) if len(ways) else 0.0)
         if self._travelled > 0.5 * self._skin:
             places = self.network.positions + self._displace()
@@ -637,7 +650,7 @@ class _System:
         before = np.array([self._keys.get(key, -1) for key in keys], np.intp)
         self._keys = {key: n + place for place, key in enumerate(keys)}
         self._join(table[:, 0], table[:, 1], table[:, 2:])
-        self.at, *_ = self.where.step(None, self.x, self.ways)
+        self.at = self.where.locate(self.x, self.ways)
         change, k = self.forces.normal.press(self.at.e)
         pull = np.zeros((self.where.count, len(self.at.e)))
         old = np.flatnonzero(before >= 0)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import tracemalloc
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -234,6 +237,33 @@ def test_memory_of_spectra_and_sweeps_is_what_their_arrays_take(tmp_path, lattic
     tracemalloc.stop()
     # less than what is announced, and not less than a quarter of it
     assert 0.25 < peak / (guess.memory - cost._PYTHON_BYTES) < 1.0
+
+
+HEAD = "material: {young_modulus: 211.65 GPa, poisson_ratio: 0.276, density: 7840 kg/m^3}\nload: {force: 10 N}\n"
+IMPACT = "observe: [motion]\nmotion: {repeat: %s, duration: %s, frames: 201, drive: {balls: 0, impact: 1 cm/s}}\n"
+DRIVEN = "observe: [response]\nresponse: {repeat: 50 50, source: 0 x, receiver: 5 x, frequencies: [1 kHz, 9 kHz]}\n"
+RUN = r"""
+import re, sys, granphon as gp
+gp.Scene.from_text(sys.argv[1]).run(sys.argv[2], figures=False)
+print(re.search(r"VmHWM:\s*(\d+) kB", open("/proc/self/status").read())[1])
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="the system does not tell the peak of a process")
+@pytest.mark.parametrize(
+    ("lattice", "asked"),
+    [
+        ("chain", IMPACT % ("1000", "0.1 ms")), ("triangular", IMPACT % ("30 30", "0.1 ms")), ("triangular", DRIVEN),
+        pytest.param("triangular", IMPACT % ("150 150", "0.1 ms"), marks=pytest.mark.exhaustive),
+        pytest.param("fcc", IMPACT % ("16 16 16", "0.05 ms"), marks=pytest.mark.exhaustive),
+    ],
+)  # fmt: skip
+def test_memory_of_motions_and_responses_is_what_their_process_takes(tmp_path, lattice, asked):
+    text = f"{HEAD}packing: {{lattice: {lattice}, diameter: 8 mm}}\n{asked}"
+    guess = sum((part for _, _, part in gp.Scene.from_text(text).parts), cost.Cost())
+    command = [sys.executable, "-c", RUN, text, str(tmp_path / "out")]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    assert 1.0 / 1.5 < 1024.0 * float(done.stdout) / guess.memory < 1.5
 
 
 def pressed(mu, shape=(20, 20), **more):

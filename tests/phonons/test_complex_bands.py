@@ -115,6 +115,23 @@ def test_a_decay_that_has_no_digits_is_refused(lattice):
             phonons.complex_bands([1e3, f], 0)
 
 
+def test_motions_that_reach_the_next_layer_alone_are_refused():
+    """Across (1 1 1) of diamond every other plane is passed by one bond: three motions of six are not passed on there."""
+    phonons = gp.Phonons(bulk("diamond"))
+    for axis in ((1, 1, 1), (1, 1, -1)):
+        for f in (5e3, 31e3, 1e9):
+            with pytest.raises(PrecisionError, match=r"no further\. They decay infinitely fast, .* Choose another axis"):
+                phonons.complex_bands([f], axis)
+    assert phonons.complex_bands([5e3, 31e3], 0).forward.shape == (2, 3)
+
+
+@pytest.mark.parametrize("axis", [1, (2, 1)])
+def test_a_frequency_that_is_too_high_is_said_to_be(axis):
+    for f in (2e8, 3e8, 1e9, 4504341245.538483):
+        with pytest.raises(PrecisionError, match=r"decays .* Take lower frequencies"):
+            gp.Phonons(bulk("honeycomb")).complex_bands([f], axis)
+
+
 def test_the_fastest_decay_of_a_chain_has_the_digits_that_are_said():
     f = np.array([1e5, 1e6, 3e6])
     found = gp.Phonons(chain([LIGHT, HEAVY], (K, K))).complex_bands(f)

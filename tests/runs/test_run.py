@@ -224,7 +224,7 @@ def test_check_says_what_a_simulation_will_take(work, capsys):
         assert main(["check", "scene.yaml"]) == 0
         out, err = capsys.readouterr()
         assert re.search(rf"  will take +{re.escape(cost.text)} on one processor\n", out)
-        assert f"simulation of 256 balls, {count} equilibria: about 80 MB and " in out
+        assert f"simulation of 256 balls, {count} equilibria: about 145 MB and " in out
     # of the medium that is solved in a moment, limits are told
     assert err.startswith("granphon: warning: ema is not reliable below ")
     assert err.count("\n") == 1
@@ -691,7 +691,7 @@ def test_a_resumed_sweep_replaces_an_older_result_only_if_told(work, monkeypatch
 )
 def test_a_sweep_that_cannot_be_written_is_not_computed_again(work, whole, monkeypatch, capsys, where, error, code):
 
-    def fail(*_: object) -> None:
+    def fail(*_: object, **__: object) -> None:
         raise error
 
     with monkeypatch.context() as patch:

@@ -273,6 +273,40 @@ def test_small_motions_are_modes(lattice):
         assert_allclose(found, size * cosine[:, None, None] * one, atol=1e-4 * unit * size * np.abs(start).max())
 
 
+@pytest.mark.claim("nonlinear-linear")
+def test_a_small_pulse_is_the_one_that_is_transmitted():
+    """The difference falls with the square of the step, and is below 1e-4 at a sixth of the default one."""
+    network = bulk("triangular", "in_plane").repeat((3, 12)).cut(1, 1)
+    hertz, cycles, size = 12e3, 2.0, 1e-6
+    pulse = gp.Waves(network).transmit(hertz, (0, 1), 3.0 * D, cycles, source="ball", duration=2.4e-4, ends="periodic")
+    burst = 2.0 * math.pi * cycles  # its phase, in all
+
+    def force(time):
+        phase = 2.0 * math.pi * hertz * time
+        return size * math.sin(phase - 0.5 * burst) * 0.5 * (1.0 - math.cos(phase / cycles)) if phase < burst else 0.0
+
+    waves, drive, differ = gp.NonlinearWaves(network), gp.Drive(list(pulse.sources), (0, 1), force=force), []
+    for part in (3, 6):
+        motion = waves.run(pulse.times[-1], drive=drive, frames=len(pulse.times), step=waves.find_step() / part)
+        heard = motion.velocities[:, pulse.receivers, 1].T / size
+        differ.append(np.abs(heard - pulse.signals).max() / np.abs(pulse.signals).max())
+    assert differ[1] < 1e-4
+    assert differ[0] / differ[1] == pytest.approx(4.0, rel=0.1)
+
+
+def test_an_implicit_step_without_a_solution_ends_the_motion():
+    """Where a contact that adheres breaks slowly, its force falls to zero within a step; explicit steps go on."""
+    glass = gp.Ball(gp.Material(70e9, 0.22, 2500.0), 1e-5)
+    waves = gp.NonlinearWaves(gp.Crystal.on("chain", [glass], law=gp.JKR(0.05)).cut(0, 2))
+    apart = push(waves.network, 0.00625, 1) - push(waves.network, 0.00625, 0)
+    with pytest.warns(StoppedEarlyWarning, match="an implicit step has no solution"):
+        early = waves.run(1e-7, velocities=apart, frames=11, scheme="midpoint", step=2e-9)
+    assert 0.0 < early.times[-1] < 1e-7
+    whole = waves.run(1e-7, velocities=apart, frames=11, step=2e-9)
+    assert_allclose(whole.times[-1], 1e-7, rtol=1e-12)
+    assert_allclose(whole.displacements[1], early.displacements[1], rtol=0.02)
+
+
 # -- refusals ---------------------------------------------------------------------------------------------------------
 
 
