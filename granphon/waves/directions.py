@@ -242,7 +242,7 @@ class TrueDirections(_Directions):
     def step(self, before: Moment, after: Moment, pull: Array, part: Part) -> None:
         """Set contacts after a step, and :attr:`way` and :attr:`turned`, of a part; ``pull`` is that before."""
         self._place(after, *part)
-        self._slip(before, after, *part)
+        self._slip(before, after, self.way[:, part.at], *part)
         self._turn(before, after, pull, *part)
 
     def _place(self, found: Moment, at: slice, room: Array) -> None:
@@ -265,9 +265,9 @@ class TrueDirections(_Directions):
         if len(self._gap):
             e += self._gap[at]
 
-    def _slip(self, before: Moment, after: Moment, at: slice, room: Array) -> None:
-        """Set slips, twists and rolls of a step, across the mean of r, and the direction of that."""
-        n, way, slip = self._middle[:, at], self.way[:, at], self.way[:3, at]
+    def _slip(self, before: Moment, after: Moment, way: Array, at: slice, room: Array) -> None:
+        """Set slips, twists and rolls of a step, across the mean of r, to ``way``, and the direction of that."""
+        n, slip = self._middle[:, at], way[:3]
         r = np.add(before.r[:, at], after.r[:, at], out=room[:3])  # twice the mean
         turn = np.subtract(after.moved[3:6, at], before.moved[3:6, at], out=room[3:6])
         turn *= 0.5
@@ -328,20 +328,14 @@ class TrueDirections(_Directions):
         self._rotate(pull[1:, at], at, room)
         self._carry(after, self._middle[:, at], pull[1:, at], pull[1:, at], at, room)
 
-    def _deform(self, n: Array, length: Array, moved: Array) -> Array:
-        """Return (rows - 1, n_c) rates of slip, twist and roll of contacts of the direction n."""
-        across = moved[:3]
-        slip = across - n * np.sum(n * across, axis=0) - length * np.cross(moved[3:6], n, axis=0)
-        if self.count == 4:
-            return np.asarray(slip)
-        roll = moved[6:9]
-        twist = np.sum(n * roll, axis=0)
-        return np.concatenate([slip, twist[None], roll - n * twist])
-
     def rate(self, at: Moment, v: Array, ways: Array) -> Array:
         """Return the rates of all deformations (count, n_c), at velocities ``v`` and speeds of the drives."""
-        n, moving = at.r / at.length, self._move(v, ways)
-        return np.concatenate([np.sum(n * moving[: len(n)], axis=0)[None], self._deform(n, at.length, moving)])
+        moving = self._move(v, ways)
+        found = np.concatenate([np.sum(at.r * moving[: len(at.r)], axis=0)[None] / at.length, np.empty_like(self.held)])
+        before, after = at._replace(moved=np.zeros_like(moving)), at._replace(moved=moving)
+        for part, room in self.parts:
+            self._slip(before, after, found[1:, part], part, room)
+        return found
 
     def _act(self, at: Moment, pull: Array, before: Moment | None) -> Array:
         """Return what acts along the motions of contacts; over a step, so that it keeps its energy."""
@@ -391,21 +385,18 @@ class PlaneDirections(TrueDirections):
         n, rows = self._r / self._length, 1 + int(np.any(roll))
         return np.array([slip, roll])[:rows], np.array([n[0] * held[1] - n[1] * held[0], np.zeros(len(slip))])[:rows]
 
-    def _deform(self, n: Array, length: Array, moved: Array) -> Array:
-        return np.concatenate([(n[0] * moved[1] - n[1] * moved[0] - length * moved[2])[None], moved[3:]])
-
-    def _slip(self, before: Moment, after: Moment, at: slice, room: Array) -> None:
-        way, crossed, slip = room[: len(self._acting)], room[4:6], self.way[0, at]
+    def _slip(self, before: Moment, after: Moment, way: Array, at: slice, room: Array) -> None:
+        moved, crossed, slip = room[: len(self._acting)], room[4:6], way[0]
         r = np.add(before.r[:, at], after.r[:, at], out=room[6:])
-        np.subtract(after.moved[:, at], before.moved[:, at], out=way)
-        np.multiply(r, way[1::-1], out=crossed)
+        np.subtract(after.moved[:, at], before.moved[:, at], out=moved)
+        np.multiply(r, moved[1::-1], out=crossed)
         np.subtract(crossed[0], crossed[1], out=slip)
         r *= r
         length = np.add(r[0], r[1], out=r[0])
         slip /= np.sqrt(length, out=length)  # twice the length
         length *= 0.5
-        slip -= np.multiply(way[2], length, out=length)
-        self.way[1:, at] = way[3:]
+        slip -= np.multiply(moved[2], length, out=length)
+        way[1:] = moved[3:]
 
     def _turn(self, before: Moment, after: Moment, pull: Array, at: slice, room: Array) -> None:
         self.turned = pull[1:]
