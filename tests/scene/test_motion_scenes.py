@@ -334,4 +334,5 @@ def test_a_wave_that_is_not_through_has_no_velocity(tmp_path):
         warnings.simplefilter("always")
         found = scene(text, DRIVE="{balls: lower, impact: 0.5 m/s, direction: 0 1}").run(tmp_path, figures=False)
     assert "front_velocity" not in found.dataset
+    assert any("the front velocity is not known" in one for one in found.warnings)
     assert not [one for one in said if "Polyfit" in str(one.message)]
