@@ -405,7 +405,7 @@ def test_what_makes_no_sweep(packing):
     load = Load("force", (1.0, 2.0))
     with pytest.raises(
         InputError,
-        match=r"found .dos.; allowed: dos of arrays that a medium: simulation makes, where",
+        match=r"found .dos.; allowed: dos of one state, or of arrays that a medium: simulation makes",
     ):
         Scene(packing, load, observe=("dos",))
     with pytest.raises(InputError, match="found 'bands' with a sweep over lattice"):
