@@ -24,7 +24,7 @@ from granphon.base.arrays import Array, Index
 #: numbers that are worked on at a time, which stay in the processor's cache
 _ROOM = 2**17
 #: what stands for zero where it divides zero
-_NONE = np.finfo(float).tiny
+_NONE = hertz.LEAST_NORMAL
 #: change of an overlap, over the overlap, below which the mean force is that of both ends: the rest is below rounding
 _CLOSE = 1e-5
 
