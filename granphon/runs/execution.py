@@ -10,10 +10,12 @@ from __future__ import annotations
 import math
 import platform
 import time
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, wait
 from contextlib import suppress
+from functools import partial
+from heapq import heappop, heappush
 from itertools import chain
 from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple
@@ -22,7 +24,7 @@ from granphon.base.errors import GranphonError, OutputError
 from granphon.base.progress import Progress, Step, silent
 from granphon.base.registry import list_added
 from granphon.runs.store import Store, TaskResult, decode, encode
-from granphon.runs.workers import InProcess, check_workers, client_of, count_calls, packages, require_packages
+from granphon.runs.workers import InProcess, call_by, check_workers, client_of, count_calls, packages, require_packages
 
 #: time after which a worker begins nothing more of a call, s
 CALL_SECONDS = 0.1
@@ -134,10 +136,10 @@ def solve_all(
 
 
 class _Work:
-    """Tasks under way, by their indices: ``left`` are those that are not finished and not sent."""
+    """Tasks under way, by their indices: ``left`` are those that are not finished and not sent, a heap."""
 
     def __init__(self, tasks: Sequence[Task], store: Store, step: Step) -> None:
-        self.tasks, self.store, self.step, self.left = tasks, store, step, deque[int]()
+        self.tasks, self.store, self.step, self.left = tasks, store, step, list[int]()
         #: tasks of each call under way; entries of tasks that have begun; how often a worker was lost with each
         self.running, self.begun, self.losses = dict[Future[list[Result]], list[int]](), dict[int, bytes](), Counter[int]()
         #: time of a step of each kind of task, s
@@ -154,11 +156,11 @@ class _Work:
 
     def run(self, executor: Executor) -> None:
         """Have the tasks done, by calls of which a few are under way for each worker."""
-        ready, options, looked = SimpleQueue[Future[list[Result]]](), dict[str, bool](), -math.inf
+        ready, submit, looked = SimpleQueue[Future[list[Result]]](), executor.submit, -math.inf
         if self.left and (client := client_of(executor)) is not None:
             largest = max((self.tasks[index] for index in self.left), key=lambda task: task.memory)
             check_workers(client, largest.memory, largest.where)
-            options = {"pure": False}  # otherwise dask looks into the tasks for what it knows already
+            submit = partial(call_by, client)
         try:
             while self.left or self.running:
                 if (now := time.monotonic()) - looked > _LOOK_SECONDS:
@@ -171,7 +173,7 @@ class _Work:
                         break
                     indices = self._take(most)
                     orders = [(self.tasks[index], self.begun.get(index)) for index in indices]
-                    future = executor.submit(advance, orders, packages(), list_added("observable"), **options)
+                    future = submit(advance, orders, packages(), list_added("observable"))
                     self.running[future] = indices
                     future.add_done_callback(ready.put)
                 try:
@@ -200,7 +202,7 @@ class _Work:
             seconds += math.inf if self.losses[index] else self.seconds.get(self.tasks[index].kind, math.inf)
             if indices and seconds > CALL_SECONDS:
                 break
-            indices.append(self.left.popleft())
+            indices.append(heappop(self.left))
         return indices
 
     def _receive(self, future: Future[list[Result]], indices: Sequence[int]) -> None:
@@ -223,12 +225,13 @@ class _Work:
                 raise GranphonError(what, "It was killed, or ran out of memory", mend) from None
         for index, result in zip(indices, results, strict=False):
             self.store.append(self.tasks[index].name, result.entry)
-        self.left.extendleft(reversed(indices[len(results) :]))
+        for index in indices[len(results) :]:
+            heappush(self.left, index)
         for index, result in zip(indices, results, strict=False):
             task = self.tasks[index]
             self.seconds[task.kind] = 0.5 * (self.seconds.get(task.kind, result.seconds) + result.seconds)
             self.begun.pop(index, None)
             if result.steps < task.steps:
                 self.begun[index] = result.entry
-                self.left.appendleft(index)
+                heappush(self.left, index)
             self.step.advance()

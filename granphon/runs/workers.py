@@ -249,6 +249,21 @@ def client_of(executor: Executor) -> Any:
     return own._client if dask is not None and isinstance(executor, dask.ClientExecutor) else None
 
 
+def call_by(client: Any, fn: Callable[..., Any], *args: Any) -> Future[Any]:
+    """Have a worker of dask call ``fn``, and return the future of its result.
+
+    That of dask's own executor never ends where a result was lost with its worker, and is an error when found again.
+    """
+    import asyncio
+
+    theirs = client.submit(fn, *args, pure=False)  # otherwise dask looks into the tasks for what it knows already
+
+    async def find() -> Any:
+        return await theirs.result()
+
+    return asyncio.run_coroutine_threadsafe(find(), client.loop.asyncio_loop)
+
+
 def count_calls(executor: Executor) -> int:
     """Return how many calls are to be under way: one for each worker, two if it is far away; 0 if this process does them."""
     if (client := client_of(executor)) is None:

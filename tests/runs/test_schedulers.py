@@ -28,7 +28,7 @@ from granphon.runs import execution, workers
 from granphon.runs.execution import solve_all
 from granphon.runs.store import Store, read_entries
 from granphon.runs.sweep import sweep
-from granphon.runs.workers import Workers, open_executor, packages, require_packages, require_workers
+from granphon.runs.workers import Workers, call_by, open_executor, packages, require_packages, require_workers
 
 distributed = pytest.importorskip("distributed")
 
@@ -128,6 +128,16 @@ def test_calls_are_bounded_in_time_and_number():
     slow = [Nap(0), Nap(1, 2.0 * execution.CALL_SECONDS), Nap(2), Nap(3), Nap(4)]
     done = execution.advance([(nap, None) for nap in slow], packages())
     assert [execution.decode(one.entry)["x"].item() for one in done] == [0, 1]
+
+
+def test_an_error_while_a_result_is_fetched_is_that_of_the_call(client, monkeypatch):
+    # as where the worker that has a result is killed, and so is the one that is to find it again
+    async def fetch(*_, **__):
+        raise distributed.KilledWorker("nap", None, 0)
+
+    monkeypatch.setattr(client, "_gather", fetch)
+    with pytest.raises(distributed.KilledWorker):
+        call_by(client, int).result(60.0)
 
 
 def interrupt_once(begun):
