@@ -8,6 +8,7 @@ holds one, and only there are numbers converted between reduced units and SI.
 from __future__ import annotations
 
 import math
+import re
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -37,18 +38,24 @@ def _multiple(value: float, unit: str) -> tuple[float, str]:
 def prefixed(value: float, unit: str) -> tuple[float, str]:
     """The decimal multiple of ``unit`` in which people write ``value``: its size, such as 1e-6, and its name, such as "um".
 
-    A value that is below a multiple only by rounding (1e-8 of it) counts as that multiple. Zero, and values beyond the
-    range of the prefixes, keep the ``unit`` itself, of size 1.
+    A value that is below a multiple only by rounding (1e-8 of it) counts as that multiple. Zero, values beyond the range of
+    the prefixes, and units that take none ("1", "1/m", "m^2", "kg/m^3") keep the ``unit`` itself, of size 1.
     """
-    size = abs(value) * (1.0 + 1e-8)
-    return _multiple(size, unit) if _SIZES[0] <= size < 1e3 * _SIZES[-1] else (1.0, unit)
+    size, first = abs(value) * (1.0 + 1e-8), re.split(r"[ */]", unit)[0]
+    takes = first.isalpha() and first != "kg"
+    return _multiple(size, unit) if takes and _SIZES[0] <= size < 1e3 * _SIZES[-1] else (1.0, unit)
 
 
 def write_quantity(value: float, unit: str, digits: int = 5) -> str:
     """Text of a value in the SI unit ``unit``, with some ``digits`` and a decimal prefix, such as "8 mm"."""
     rounded = float(f"{value:.{digits}g}")  # 999.6 um are 1 mm, in three digits
     size, name = prefixed(rounded, unit)
-    return f"{rounded / size:.{digits}g} {name}"
+    return f"{rounded / size:.{digits}g}{_end(name)}"
+
+
+def _end(unit: str) -> str:
+    """The end of the text of a quantity: "1" is not written."""
+    return "" if unit in ("", "1") else f" {unit}"
 
 
 def write_uncertain(value: float, error: float, unit: str) -> str:
@@ -60,7 +67,7 @@ def write_uncertain(value: float, error: float, unit: str) -> str:
     if not 1e-6 * abs(value) < error:
         return f"{write_quantity(value, unit)} +/- {write_quantity(error, unit, 2)}"
     places = max(1 - math.floor(math.log10(error / size)), 0)
-    return f"{value / size:.{places}f} +/- {error / size:.{places}f} {name}"
+    return f"{value / size:.{places}f} +/- {error / size:.{places}f}{_end(name)}"
 
 
 @dataclass(frozen=True)

@@ -105,7 +105,7 @@ def write_range(value: Any, unit: str) -> str:
     import numpy as np  # here alone, so that the command's help needs no numpy
 
     ends = np.unique([np.min(value), np.max(value)]).tolist()
-    return " to ".join(write_quantity(end, unit).removesuffix(" 1") for end in ends)
+    return " to ".join(write_quantity(end, unit) for end in ends)
 
 
 def _write(value: Any, unit: str) -> str:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import granphon as gp
 from granphon.base.errors import InputError
 from granphon.base.quantities import ADHESION, DENSITY, FREQUENCY, LENGTH, MASS, MODULUS, PUSH, TIME, VELOCITY
-from granphon.base.scales import HertzPrefix, WidthUnits, prefixed, write_uncertain
+from granphon.base.scales import HertzPrefix, WidthUnits, prefixed, write_quantity, write_uncertain
 
 
 @given(st.floats(1e-24, 9.99e26))
@@ -51,6 +51,19 @@ def test_a_unit_of_hertz_that_is_none():
 )  # fmt: skip
 def test_multiples_for_reading(value, size, name):
     assert prefixed(value, "m") == (size, name)
+
+
+@pytest.mark.parametrize(
+    ("unit", "text", "both"),
+    [
+        ("1", "0.00025", "0.000250 +/- 0.000010"), ("1/m", "0.00025 1/m", "0.000250 +/- 0.000010 1/m"),
+        ("m^2", "0.00025 m^2", "0.000250 +/- 0.000010 m^2"), ("kg/m^3", "0.00025 kg/m^3", "0.000250 +/- 0.000010 kg/m^3"),
+        ("N s/m", "250 uN s/m", "250 +/- 10 uN s/m"), ("m/s^2", "250 um/s^2", "250 +/- 10 um/s^2"),
+    ],
+)  # fmt: skip
+def test_units_that_take_no_prefix(unit, text, both):
+    assert write_quantity(2.5e-4, unit) == text
+    assert write_uncertain(2.5e-4, 1e-5, unit) == both
 
 
 @pytest.mark.parametrize(

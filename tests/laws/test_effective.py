@@ -305,8 +305,10 @@ def test_plain_iteration_amplifies_noise():
 def test_lots_against_an_integration_split_at_the_openings(name):
     curve, forces = effective_curve(LOTS[name], XI[0.0]), np.geomspace(1e-4, 10.0, 25)
     assert curve.least_force == LEAST_SOLVED_FORCE
-    y, k = integrate_curve(curve.shape, curve.xi, forces, 1e-10, "Radau")
-    np.testing.assert_allclose(evaluated(curve, y), [forces, k], rtol=1e-8)
+    # LSODA cannot begin where the rarest kind opens
+    how = (1e-10, "Radau") if name.startswith("1e-09") else (1e-11, "LSODA")
+    y, k = integrate_curve(curve.shape, curve.xi, forces, *how)
+    np.testing.assert_allclose(evaluated(curve, y), [forces, k], rtol=1e-9)
 
 
 @pytest.mark.claim("api-medium")
