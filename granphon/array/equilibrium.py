@@ -251,13 +251,7 @@ class Equilibrium(Result):
         if not eta:  # only shear turns balls that are strained: without it twist and roll store nothing
             mean = bending = 0.0
         stencils = Stencils(own.shape, eta, own.workers, self.lattice, mean, bending)
-        stiffness, n, p = stencils.weights(normal), stencils.n_contacts, len(own.shape)
-        if twist.ndim and stencils.motions.twist and mean:
-            first = len(stiffness) - (3 if bending else 1) * n  # the twist stands last, but for two rolls
-            stiffness[first : first + n] = twist * normal
-        if slip.ndim and eta:
-            for first in range(n, n * len(self.lattice.vectors), n):  # one slip in a plane, two in space
-                stiffness[first : first + n] = slip * normal
+        stiffness, n, p = stencils.weights(normal, slip=slip, twist=twist), stencils.n_contacts, len(own.shape)
         gradients = stencils.strains()
         unit = np.array([0.5 * (gradients[:, a, b] + gradients[:, b, a]) for a, b in voigt_pairs(p)])
         affine = unit[(..., *(None,) * p)]

@@ -215,14 +215,14 @@ class TrueEquilibrium(Equilibrium):
         if not shear:  # only shear turns balls that are strained: without it twist and roll store nothing
             return find_elastic_tensor(self.place, self._act_at_rest(), self.stencils, self.stiffnesses)
         eta = float(np.asarray(shear))
-        return find_exact_elasticity(self, self.ratio, eta, eta, torsion, bending)
+        return find_exact_elasticity(self, eta, eta, torsion, bending)
 
 
 def find_exact_elasticity(
-    state: Equilibrium, ratio: float, eta: float, shear: float | Array, torsion: ArrayLike, bending: float,
+    state: Equilibrium, eta: float, shear: float | Array, torsion: ArrayLike, bending: float,
     shears: Array | None = None, rotations: Array | None = None,
 ) -> Array:  # fmt: skip
-    """Return the elastic tensor of a state at rest in the true geometry, W/d being the ``ratio``, under the forces that act.
+    """Return the elastic tensor of a state at rest in the true geometry, under the forces that act.
 
     Contacts have the mean ratio ``eta`` of the shear stiffness, and their own ``shear``; ``shears`` are their tangential
     forces, and ``rotations`` those of the balls, if there are any. Other arguments are those of
@@ -232,17 +232,15 @@ def find_exact_elasticity(
     carries, twist = normal > 0.0, np.broadcast_to(np.asarray(torsion, float), normal.shape)
     mean = float(np.sum(twist * normal) / np.sum(normal))
     stencils = Stencils(own.shape, eta, own.workers, state.lattice, mean, bending)
-    place = ExactGeometry(stencils, state.deviations, ratio).place(stencils.spread(state.balls, rotations), state.overlap)
-    springs, n, p = stencils.weights(normal), stencils.n_contacts, len(stencils.shape)
-    for first in range(n, n * p, n):
-        springs[first : first + n] = shear * normal
-    tangential = np.zeros((p - 1, *normal.shape)) if shears is None else carries * shears
+    geometry = ExactGeometry(stencils, state.deviations, state.ratio)
+    place = geometry.place(stencils.spread(state.balls, rotations), state.overlap)
+    tangential = np.zeros((len(stencils.shape) - 1, *normal.shape)) if shears is None else carries * shears
 
     def law(loss: Array, slip: Array) -> tuple[Array, Array]:
         return normal * loss, shear * normal * slip
 
     acting = ActingForces(law, carries * state.forces, tangential, (twist * normal, bending * normal))
-    return find_elastic_tensor(place, acting, stencils, springs)
+    return find_elastic_tensor(place, acting, stencils, stencils.weights(normal, slip=shear))
 
 
 _STILL = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
