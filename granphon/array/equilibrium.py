@@ -452,7 +452,7 @@ def equilibrate(
         size = max(float(np.max(np.abs(here.rest.balls))), abs(here.rest.compression) / means.size)
         rest = Motion((here.rest.balls / size).astype(stiffness.dtype), here.rest.compression / size)
         mean = float(np.mean(stiffness)) if free else None
-        step, taken = solve_for_motion(product, rest, inverse, reduction, mean)
+        step, taken, _ = solve_for_motion(product, rest, inverse, reduction, mean)
         scale = size / here.level
         step = Motion(step.balls.astype(float) * scale, step.compression * scale)
         inverses.count(taken)

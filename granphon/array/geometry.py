@@ -34,14 +34,14 @@ A geometry makes places: configurations of an array, that is, the motion of its 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from granphon.array.contact_operator import ContactHessian
 from granphon.array.friction import Tangent
-from granphon.array.krylov import MOST_ITERATIONS, Single, conjugate_gradients, solve_for_motion
+from granphon.array.krylov import MOST_ITERATIONS, Single, solve_for_motion
 from granphon.array.stencils import Motion, Stencils
 from granphon.balls.contact_table import contact_frames
 from granphon.base.arrays import Array
@@ -134,7 +134,7 @@ class LatticeGeometry:
         number of iterations.
         """
         mean = float(np.mean(stiffness)) if free else None
-        return solve_for_motion(self.stencils.hessian(stiffness), right, inverse, reduction, mean)
+        return solve_for_motion(self.stencils.hessian(stiffness), right, inverse, reduction, mean)[:2]
 
 
 class LatticePlace:
@@ -238,30 +238,15 @@ class ExactGeometry:
         with the other sign, with which there is always a solution; balls that are pushed aside then go the same way. If
         ``truly`` is true, its own sign is tried before. ``most`` is the largest number of iterations.
         """
-        size, shape, held = right.balls.size, right.balls.shape, 1.0 / float(np.sum(stiffness))
-
-        def split(vector: Array) -> Motion:
-            return Motion(vector[:size].reshape(shape), float(vector[size]) if free else 0.0)
-
-        def join(balls: Array, press: float) -> Array:
-            return np.append(balls, press) if free else np.ravel(balls)
-
-        def apply(product: ContactHessian, vector: Array) -> Array:
-            return join(*product(*split(vector)))
-
-        count, limit = 0, most or MOST_ITERATIONS
+        count, limit, mean = 0, most or MOST_ITERATIONS, float(np.mean(stiffness)) if free else None
         for sign in (1.0, -1.0) if truly else (-1.0,):
             product = place.multiply(stiffness, sign * forces)
-            found, taken, stable = conjugate_gradients(
-                partial(apply, product),
-                lambda vector: join(inverse(split(vector).balls), held * split(vector).compression),
-                join(*right), reduction, limit,
-            )  # fmt: skip
+            found, taken, stable = solve_for_motion(product, right, inverse, reduction, mean, limit, of_residual=False)
             count += taken
             # with the true sign a system that is hardly stable has no end; a limit that is given is one of patience
             if stable and (most is not None or taken < limit):
                 break
-        return split(found), count
+        return found, count
 
     def weigh(self, stiffness: Array, forces: Array) -> Array:
         """Return (rows, L1, ..., Lp) stiffnesses of contacts, and of displacements across them by forces, without a sign."""
