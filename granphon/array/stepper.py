@@ -29,8 +29,6 @@ In the true geometry contacts push balls aside, with W/d of their force. In spac
 which half are open, an array gives way however slowly it is let go. Dashpots are there not weakened below several times that
 stiffness: if balls move faster from one step to the next, the array gives way.
 
-What the load gives and contacts neither store nor lose, dashpots take; it counts as lost.
-
 The drag, the step and this force are conventions. What f* at higher loads owes to them is a matter of percents in small
 arrays; the tests state it.
 """
@@ -110,14 +108,11 @@ class Stepper:
     geometry : of the contacts.
     law : of the contacts.
     from_gas : whether balls were pressed from the gas, so that friction alone may hold them.
-    drag : stiffness of dashpots between neighbours within one step; the state reached is no equilibrium of the contacts
-        unless it is zero.
     """
 
     geometry: Geometry
     law: FrictionLaw
     from_gas: bool = False
-    drag: float = 0.0
 
     def __post_init__(self) -> None:
         self._patches = Patches(self.geometry.stencils)
@@ -136,22 +131,23 @@ class Stepper:
             return load._replace(force=0.5 * (self.measure(here, load) + load.force))
         return load._replace(overlap=0.5 * (here.overlap + load.overlap))
 
-    def step(self, trail: Sequence[PressedArray], load: ReducedLoad) -> PressedArray:
+    def step(self, trail: Sequence[PressedArray], load: ReducedLoad, drag: float = 0.0) -> PressedArray:
         """Return the equilibrium under a load; ``trail`` holds the last states before it, one to three.
 
-        Where Newton's method fails, balls are slowed by dashpots, or the load is reached in two steps or more.
+        Where Newton's method fails, balls are slowed by dashpots, or the load is reached in two steps or more. With a
+        ``drag`` dashpots of this stiffness act in each step, and the state is no equilibrium of the contacts.
         """
         # with small friction balls come into balance only in stages, which steps with dashpots do without
-        relaxes = not self.drag and self.law.friction_coefficient >= SMALL_FRICTION
+        relaxes = not drag and self.law.friction_coefficient >= SMALL_FRICTION
         ahead, halvings, failed = [load], 0, 0
         while ahead:
             here = trail[-1]
             # where friction alone holds balls, shorter steps of the load help sooner
             patience = FAST_LIMITS if self.from_gas else SLOW_LIMITS
             lags = None if relaxes and 0 < halvings < _LAG_HALVINGS else patience
-            trial = self._make_step(here, ahead[-1], self.drag).solve(*self._extrapolate(trail, ahead[-1]), lags)
+            trial = self._make_step(here, ahead[-1], drag).solve(*self._extrapolate(trail, ahead[-1]), lags)
             if is_balanced(trial):
-                trail = [*trail[-2:], self._damp(trail, trial) if self.drag else self._arrive(here, trial)]
+                trail = [*trail[-2:], self._damp(trail, trial) if drag else self._arrive(here, trial)]
             elif relaxes and trial.left < math.inf and (at_rest := self.relax_overdamped(trail, ahead[-1])) is not None:
                 trail = [at_rest]
             elif trial.left == math.inf and here.force < THRESHOLD_FORCE:
@@ -282,10 +278,9 @@ class Stepper:
         """
         stencils = self.geometry.stencils
         here = self.place(np.zeros((stencils.n_balls * len(stencils.shape), *stencils.shape)), contact)
-        damped = replace(self, drag=DRAG)
         while here.overlap < _MOST_OVERLAP:
             try:
-                here = damped.step([here], ReducedLoad(overlap=here.overlap + STEP))
+                here = self.step([here], ReducedLoad(overlap=here.overlap + STEP), DRAG)
             except ConvergenceError as error:
                 what = f"the balls, pressed from the gas, are not in balance beyond an overlap of {here.overlap:.3g} widths"
                 why, mend = "Too few contacts hold them", "Take another seed, or another friction coefficient"
@@ -294,7 +289,7 @@ class Stepper:
                     mend = 'Take the geometry "lattice"'
                 raise ConvergenceError(what, why, mend) from error
             if here.force >= STANDING_FORCE:
-                at_rest = damped._come_to_rest(here)
+                at_rest = self._come_to_rest(here)
                 if at_rest is not None:
                     return at_rest
         raise ConvergenceError(
@@ -305,7 +300,7 @@ class Stepper:
 
     def _come_to_rest(self, here: PressedArray) -> PressedArray | None:
         """Return the state to which balls come without dashpots at the same overlap, None if they give way."""
-        load, drag, ratio, moved = ReducedLoad(overlap=here.overlap), self.drag, self.geometry.ratio, 0.0
+        load, drag, ratio, moved = ReducedLoad(overlap=here.overlap), DRAG, self.geometry.ratio, 0.0
         pushed = ratio > 0.0 and len(self.geometry.stencils.shape) == 3
         weakest = min(drag, _ABOVE_PUSH * ratio * here.force) if pushed else 0.0
         for _ in range(_MOST_SETTLINGS):

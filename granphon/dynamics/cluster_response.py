@@ -91,7 +91,7 @@ def cluster_response(
     cluster = clusters[0 if balls is None else sizes.index(balls)]
     near = [*cluster, *_touching(lattice, cluster)]
     table, contacts, periods = lattice.contacts, _inside(lattice, cluster), lattice.periods
-    rows, cells = np.array([row for row, _ in contacts]), np.array([cell for _, cell in contacts])
+    rows, cells = np.array([row for row, _, _ in contacts]), np.array([cell for _, (_, cell), _ in contacts])
     ends = lattice.positions[:, :periods]
     middles = cells @ lattice.vectors[:, :periods] + (ends[table.i] + 0.5 * table.vector[:, :periods])[rows]
     kind_of = np.array([ball for ball, _ in near])
@@ -127,9 +127,7 @@ def cluster_response(
                 own = rows == kind
                 total[own] += (there[:, own].T @ (symbol[:, kind, columns] * phase)).real
     response, squared, misfit = (0.5 * (whole + whole.T) for whole in (response, squared, misfit))
-    middle = np.array([table.i[row] == 0 and not any(cell) for row, cell in contacts])
-    other = [(int(table.j[row]), tuple((np.array(cell) + table.shift[row]).tolist())) for row, cell in contacts]
-    central = middle | np.array([place == cluster[0] for place in other])
+    central = np.array([cluster[0] in ends for _, *ends in contacts])
     return ClusterResponse(
         len(cluster), read_only(response), read_only(influence), read_only(misfit),
         read_only(squared - response @ response), central,
@@ -161,12 +159,12 @@ def _touching(lattice: Lattice, cluster: list[_Place]) -> list[_Place]:
     return list(found)[len(cluster) :]
 
 
-def _inside(lattice: Lattice, cluster: list[_Place]) -> list[tuple[int, tuple[int, ...]]]:
-    """Find the contacts between balls of a cluster, each as its row of the table and the cell of its first ball."""
+def _inside(lattice: Lattice, cluster: list[_Place]) -> list[tuple[int, _Place, _Place]]:
+    """Find the contacts between balls of a cluster, each as its row of the table and its two balls."""
     table, balls = lattice.contacts, set(cluster)
-    return [
-        (row, cell)
+    found: list[tuple[int, _Place, _Place]] = [
+        (row, (ball, cell), (int(table.j[row]), tuple((np.array(cell) + table.shift[row]).tolist())))
         for ball, cell in cluster
         for row in np.flatnonzero(table.i == ball).tolist()
-        if (int(table.j[row]), tuple((np.array(cell) + table.shift[row]).tolist())) in balls
     ]
+    return [one for one in found if one[2] in balls]
