@@ -96,13 +96,12 @@ class _Workspace(NamedTuple):
 class _Part(NamedTuple):
     """Layers of the first axis that are worked on together.
 
-    ``sources`` pairs layers with their places in the workspace, ghost layers included, and ``filled`` pairs them with these
-    places among its balls. ``start`` is the place of its rows in the flattened array, ``inner`` the index of the layers.
+    ``sources`` pairs layers with their places in the workspace, ghost layers included. ``start`` is the place of its rows in
+    the flattened array, ``inner`` the index of the layers.
     """
 
     layers: slice
     sources: list[tuple[slice, Index]]
-    filled: list[tuple[slice, Values]]
     start: int
     inner: Index
     space: _Workspace
@@ -150,10 +149,9 @@ class ContactOperator:
                     length, place = min(count - low, end - at), at - start + below
                     sources.append((slice(low, low + length), (slice(None), slice(place, place + length), *halo.inner[2:])))
                     at += length
-                filled = [(layers, space.balls[place]) for layers, place in sources]
                 first = start * self._stride + halo.offset(halo.below) - max(0, *self._steps)
                 inner = (slice(None), slice(below, below + stop - start), *halo.inner[2:])
-                self._found[key].append(_Part(slice(start, stop), sources, filled, first, inner, space))
+                self._found[key].append(_Part(slice(start, stop), sources, first, inner, space))
         return self._found[key]
 
     def _make_workspace(self, layers: int, precision: DTypeLike) -> _Workspace:
@@ -296,8 +294,8 @@ class ContactHessian:
 def stretch(split: Values, balls: Values, part: _Part) -> None:
     """Write the deformations of the contacts of a part into its workspace."""
     space = part.space
-    for layers, place in part.filled:
-        place[...] = balls[:, layers]
+    for layers, place in part.sources:
+        space.balls[place] = balls[:, layers]
     for image, cell in space.images:
         image[...] = cell
     multiply_columns(split, space.near, space.ends)

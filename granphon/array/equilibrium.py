@@ -153,8 +153,7 @@ class Equilibrium(Result):
         """(n_c, L1, ..., Lp) differences h - y of the contacts' overlaps from the common one."""
         if self.ratio:
             return self.place.differences
-        still = Motion(self.balls, 0.0)
-        return self.stencils.average_pairs(self.deviations) - self.stencils.deformations(still)
+        return self.stencils.average_pairs(self.deviations) - self.stencils.operator.deform(self.balls)
 
     @property
     def overlaps(self) -> Array:
@@ -205,14 +204,13 @@ class Equilibrium(Result):
     @property
     def boundary_force(self) -> float:
         """Force f*, a reduced number, at which the pressure is the same where the cell keeps its size."""
-        none = np.zeros((0, *self.stencils.shape))
-        return find_boundary_force(self.place, self.forces, none) if self.ratio else self.force
+        return find_boundary_force(self.place, self.forces) if self.ratio else self.force
 
     def response(self) -> Array:
         """Return (n_c, L1, ..., Lp) derivatives of the contacts' overlaps with respect to y; computed anew at each call."""
         stiffness = self.stiffnesses
         (balls,) = find_linear_response(self.stencils, stiffness, [stiffness - _find_uniform_part(stiffness)], _RESPONSE)
-        return np.asarray(1.0 - self.stencils.deformations(Motion(balls, 0.0)))
+        return np.asarray(1.0 - self.stencils.operator.deform(balls))
 
     @cached_property
     def _derivatives(self) -> tuple[float, float]:

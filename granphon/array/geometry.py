@@ -49,7 +49,9 @@ from granphon.base.errors import InputError
 from granphon.dynamics.rows import Row
 
 #: changes of forces (-df, dT) that follow from a loss of overlap -dh and a slip ds
-Law = Callable[[Array, Array], tuple[Array, Array]]
+Law = Callable[[Array, Any], tuple[Array, Any]]
+#: tangential forces T of contacts (n_s, n_c, L1, ..., Lp), none without friction
+Shears = Array | tuple[()]
 #: changes of the forces on balls and of the sum of forces, times -1, by a motion of balls and a change of y; without one, y
 #: is held and the sum is not asked for
 Product = Callable[[Single, float | None], tuple[Single, float]]
@@ -90,13 +92,13 @@ class ActingForces(NamedTuple):
     law : changes of forces (-df, dT) that follow from a loss of overlap and a slip.
     forces : (n_c, L1, ..., Lp) normal forces that act, and turn with their contacts; with the sign below zero where they are
         to hold balls against going aside, and not to push them there.
-    shears : (n_s, n_c, L1, ..., Lp) tangential forces that act; n_s is 0 where nothing resists slip.
+    shears : (n_s, n_c, L1, ..., Lp) tangential forces that act; none where nothing resists slip.
     rolling : stiffnesses of contacts against twist and rolls.
     """
 
     law: Law
     forces: Array
-    shears: Array
+    shears: Shears = ()
     rolling: tuple[Any, Any] = (0.0, 0.0)
 
 
@@ -165,11 +167,11 @@ class LatticePlace:
         """Return (n_c, L1, ..., Lp) losses of overlap by a small motion."""
         return self._stencils.deformations(motion)[: self._stencils.n_contacts]
 
-    def pull(self, forces: Array, shears: Array) -> Array:
+    def pull(self, forces: Array, shears: Shears = ()) -> Array:
         """Return the forces on balls (fields, L1, ..., Lp) by normal forces f of contacts, and tangential ones T."""
-        return self._stencils.forces(forces, *-shears)
+        return self._stencils.forces(forces, *(-one for one in shears))
 
-    def press(self, forces: Array, shears: Array) -> float:
+    def press(self, forces: Array, shears: Shears = ()) -> float:
         """Return the force whose work on dy is that of the load: the mean normal force."""
         return float(np.mean(forces))
 
@@ -374,13 +376,13 @@ class ExactPlace:
 
     # -- forces -----------------------------------------------------------------------------------------------------
 
-    def pull(self, forces: Array, shears: Array) -> Array:
+    def pull(self, forces: Array, shears: Shears = ()) -> Array:
         """Return the forces on balls (fields, L1, ..., Lp) by normal forces f of contacts, and tangential ones T."""
         along, across = self._carry(shears)
         push = _subtract(_times(forces, self.normal), along)
         return self.geometry.join(push, _times(0.5 * self.size, across), _times(self.geometry.uneven, across))
 
-    def _carry(self, shears: Array) -> tuple[_Vector, _Vector]:
+    def _carry(self, shears: Shears) -> tuple[_Vector, _Vector]:
         """Return the vectors T and n x T of the tangential forces."""
         parts = (*shears, *_ZERO[len(shears) : 2])
         t, b = self.tangents
@@ -391,14 +393,14 @@ class ExactPlace:
         """Size of the cell's boundary, over that with y = 0."""
         return (1.0 - self.geometry.ratio * self.overlap) ** (len(self.geometry.stencils.shape) - 1)
 
-    def press(self, forces: Array, shears: Array) -> float:
+    def press(self, forces: Array, shears: Shears = ()) -> float:
         """Return the force whose work on dy is that of the load: the mean of (f n - T).e over contacts."""
         push = forces * self.normal[0]
         if len(shears):
             push = push - self._carry(shears)[0][0]
         return float(np.mean(push))
 
-    def stress(self, forces: Array, shears: Array) -> Array:
+    def stress(self, forces: Array, shears: Shears = ()) -> Array:
         """Return the (p, p) sum over contacts of the force on ball i times w, below zero where balls are pressed together.
 
         It is in units of stiffness times d^2.
@@ -460,7 +462,7 @@ class ExactPlace:
         moved, total, difference = self.geometry.sort(rows)
         eps, n, half = self.geometry.ratio, self.normal, 0.5 * self.size
         loss = _dot(n, moved)
-        shear = shears
+        shear: Any = ()
         if len(shears):
             (t, b), rolled = self.tangents, self._roll(total, difference, self.size)
             slide = _dot(t, moved) - _dot(b, rolled), _dot(b, moved) + _dot(t, rolled)
@@ -491,12 +493,12 @@ Geometry = LatticeGeometry | ExactGeometry
 Place = LatticePlace | ExactPlace
 
 
-def find_boundary_force(place: Place, forces: Array, shears: Array) -> float:
+def find_boundary_force(place: Place, forces: Array, shears: Shears = ()) -> float:
     """Return the mean contact force f* at which the pressure is the same where the cell keeps its size."""
     return place.press(forces, shears) / place.boundary
 
 
-def find_lack(load: ReducedLoad, place: Place, forces: Array, shears: Array) -> float:
+def find_lack(load: ReducedLoad, place: Place, forces: Array, shears: Shears = ()) -> float:
     """Return what the mean contact force lacks to a load; zero at a given overlap."""
     if load.overlap is not None:
         return 0.0

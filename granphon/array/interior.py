@@ -91,14 +91,14 @@ def approach(
     """
     y, taken, before, stencils = overlap, 0, math.inf, geometry.stencils
     place = geometry.place(balls, y)
-    h, none = place.overlaps, np.zeros((0, *place.overlaps.shape))
+    h = place.overlaps
     f, s = split(h, (_WIDTH if fresh else _WIDTH_NEAR) * float(np.std(h)))
     for step in range(_STEPS_IN_TRUTH if geometry.ratio else _STEPS):
         product, mean = float(np.mean(f * s)), float(np.mean(f))
         if mean < _LEAST_FORCE:  # too few balls touch to hold each other
             return None
         relative = product / (mean * float(hertz.overlap_of(mean)))
-        left = math.sqrt(float(np.max(np.sum(stencils.cartesian(place.pull(f, none)) ** 2, axis=0)))) / mean
+        left = math.sqrt(float(np.max(np.sum(stencils.cartesian(place.pull(f)) ** 2, axis=0)))) / mean
         if relative <= close:
             return (y, balls, step, taken) if left <= _BALANCED else None
         factor = min(_LARGEST_FACTOR, max(_LEAST_FACTOR, (product / before) ** _SPEED)) if step else _LARGEST_FACTOR
@@ -111,7 +111,7 @@ def approach(
         tension = f + stiffness * change
         push = 0.0 if force is None else f.size * max(force, _LARGEST_FACTOR * mean) - float(np.sum(tension))
         motion, count = geometry.solve(
-            place, stiffness, f, Motion(place.pull(tension, none), push), inverses.choose(geometry.weigh(stiffness, f)),
+            place, stiffness, f, Motion(place.pull(tension), push), inverses.choose(geometry.weigh(stiffness, f)),
             max(_LEAST_ERROR, min(_ACCURACY * factor, _LARGEST_ERROR)) if factor < 1.0 else _LEAST_ERROR, force is not None,
         )  # fmt: skip
         inverses.count(count)

@@ -74,9 +74,6 @@ def find_linear_response(stencils: Stencils, springs: Array, tensions: Iterable[
     def pull(tension: Array) -> Array:  # forces on balls, over the mean stiffness
         return stencils.forces(tension) / mean
 
-    def deform(balls: Array) -> Array:
-        return stencils.deformations(Motion(balls, 0.0))
-
     def square(values: Array) -> float:  # of an array that is not kept
         return dot(values, values)
 
@@ -95,12 +92,12 @@ def find_linear_response(stencils: Stencils, springs: Array, tensions: Iterable[
             most = _MOST_ITERATIONS - taken
             change, count, _ = conjugate_gradients(lambda balls: product(balls)[0], precondition, given, ahead, most)
             found, taken = found + change, taken + count
-            rest = pull(tension - springs * deform(found))
+            rest = pull(tension - springs * stencils.operator.deform(found))
             before, left = left, dot(rest, precondition(rest))
         if left > aim:
             ahead, most = math.sqrt(aim / left), _MOST_ITERATIONS - taken
             change, count, _ = conjugate_gradients(
-                lambda balls: pull(springs * deform(balls)), precondition, rest, ahead, most
+                lambda balls: pull(springs * stencils.operator.deform(balls)), precondition, rest, ahead, most
             )
             if count == most:
                 what = f"the linear response of the sample is not found in {_MOST_ITERATIONS} steps"

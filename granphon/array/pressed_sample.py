@@ -26,7 +26,7 @@ from granphon.array.friction import SLIDES, Contacts, FrictionLaw, PressedArray
 from granphon.array.geometry import ExactGeometry, ExactPlace, ReducedLoad, find_boundary_force
 from granphon.array.history import LoadingHistory
 from granphon.array.sample import STEP, Sample, find_density, turn_frames
-from granphon.array.stencils import Motion, Stencils
+from granphon.array.stencils import Stencils
 from granphon.array.true_equilibrium import find_exact_elasticity
 from granphon.balls.hertz import reduce_by_slip
 from granphon.base.arrays import Array
@@ -115,7 +115,7 @@ class PressedEquilibrium(Equilibrium):
     def contacts(self) -> Contacts:
         """State of the contacts, with the slips of a motion on the lattice: only changes of slips count."""
         stencils = self.sheared
-        slips = stencils.deformations(Motion(stencils.spread(self.balls, self.rotations), 0.0))[stencils.n_contacts :]
+        slips = stencils.operator.deform(stencils.spread(self.balls, self.rotations))[stencils.n_contacts :]
         return Contacts(self.overlaps, slips.reshape(self.shears.shape), self.shears)
 
     def resume(self) -> PressedArray:

@@ -112,8 +112,7 @@ class TrueEquilibrium(Equilibrium):
         stiffness = self.stiffnesses
         least = CARRIED_FORCE * (self.residual if residual is None else residual) * self.force
         carried = np.where(_ASIDE * self.ratio * self.forces > least, self.forces, -self.forces) * (stiffness > 0.0)
-        none = np.zeros((0, *carried.shape))
-        return ActingForces(lambda loss, slip: (stiffness * loss, slip), carried, none)
+        return ActingForces(lambda loss, slip: (stiffness * loss, slip), carried)
 
     def _act_at_rest(self) -> ActingForces:
         """Return what :meth:`_act` does where the energy is known to be least.
@@ -412,8 +411,8 @@ class _Path:
         self.conjugate, self._saddles = self.conjugate + conjugate, self._saddles + 1
         stable = True
         if down is not None:  # with all contacts that touch
-            stiffness, none = hertz.stiffness_of(trial.root), np.zeros((0, *trial.root.shape))
-            acting = ActingForces(lambda loss, slip: (stiffness * loss, slip), trial.forces, none)
+            stiffness = hertz.stiffness_of(trial.root)
+            acting = ActingForces(lambda loss, slip: (stiffness * loss, slip), trial.forces)
             change, _ = trial.place.respond(Motion(down, 0.0), acting)
             stable = dot(change, down) >= 0.0
         if down is None or (stable and self._tolerance == _LEAST_TOLERANCE):
@@ -440,9 +439,8 @@ class _Trial:
         self.place, self.balls, self.overlap = place, place.balls, place.overlap
         self.forces, self.root = hertz.press(place.overlaps)
         self.force = float(np.mean(self.forces))
-        none = np.zeros((0, *self.root.shape))
-        self.pull = place.pull(self.forces, none)
-        self.push = self.root.size * find_lack(load, place, self.forces, none)
+        self.pull = place.pull(self.forces)
+        self.push = self.root.size * find_lack(load, place, self.forces)
         squares = np.sum(stencils.cartesian(self.pull) ** 2, axis=0).ravel()
         #: forces left on the balls, one after the other, over the mean force, and the most; infinite without any contact
         self.on_balls, self.left, self.missed = np.full(squares.shape, np.inf), math.inf, math.inf
