@@ -508,19 +508,20 @@ class HalfSpace:
         density = float(lattice.masses.sum()) / lattice.measure
         along, normal = np.append(direction, 0.0), np.eye(p)[-1]
 
-        def forms(v: float) -> tuple[Array, Array, Array]:
-            own = np.einsum("ijkl,j,l->ik", tensor, along, along) - density * v * v * np.eye(p)
-            return own, np.einsum("ijkl,j,l->ik", tensor, along, normal), np.einsum("ijkl,j,l->ik", tensor, normal, normal)
+        still, mixed, inner = (
+            np.einsum("ijkl,j,l->ik", tensor, one, other)
+            for one, other in ((along, along), (along, normal), (normal, normal))
+        )
+        inverse = np.linalg.inv(inner)
 
-        def slowest(angle: float) -> float:
-            way = math.cos(angle) * along + math.sin(angle) * normal
-            squared = np.linalg.eigvalsh(np.einsum("ijkl,j,l->ik", tensor, way, way))[0] / density
-            return math.sqrt(max(float(squared), 0.0)) / math.cos(angle)
+        def slowest(angle: Any) -> Any:
+            way = np.cos(angle)[..., None] * along + np.sin(angle)[..., None] * normal
+            squared = np.linalg.eigvalsh(np.einsum("ijkl,...j,...l->...ik", tensor, way, way))[..., 0] / density
+            return np.sqrt(np.maximum(squared, 0.0)) / np.cos(angle)
 
         def impedance(v: float) -> float:
             # displacements a exp(i (m + p n).x), with the roots p that decay below the edge, and their tractions
-            own, mixed, inner = forms(v)
-            inverse = np.linalg.inv(inner)
+            own = still - density * v * v * np.eye(p)
             system = np.block([[-inverse @ mixed.T, inverse], [mixed @ inverse @ mixed.T - own, -mixed @ inverse]])
             roots, vectors = np.linalg.eig(system)
             chosen = np.argsort(-roots.imag)[:p]
@@ -531,10 +532,9 @@ class HalfSpace:
         from scipy.optimize import brentq, minimize_scalar
 
         grid = np.linspace(-1.4, 1.4, 281)
-        at = float(grid[int(np.argmin([slowest(one) for one in grid]))])
-        limit = float(
-            minimize_scalar(slowest, bounds=(at - 0.01, at + 0.01), method="bounded", options={"xatol": 1e-12}).fun
-        )
+        at = float(grid[np.argmin(slowest(grid))])
+        near = (at - 0.01, at + 0.01)
+        limit = float(minimize_scalar(slowest, bounds=near, method="bounded", options={"xatol": 1e-12}).fun)
         ends = 1e-3 * limit, (1.0 - 1e-9) * limit
         signs = [impedance(one) for one in ends]
         if not signs[0] * signs[1] < 0.0:
