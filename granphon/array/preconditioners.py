@@ -80,9 +80,7 @@ class Preconditioners:
         self._fresh = (hard or self._changing or self._spent >= _PATIENCE) and self._may_factorise(stiffness)
         if self._fresh:
             self._factors, self._spent, self._first = None, 0, None  # old factors are freed before new ones are made
-            i, j = self._stencils.ends_of_rows()
-            head, tail = self._stencils.coefficients
-            self._factors = factorise_contacts(i, j, head, tail, stiffness.reshape(len(stiffness), -1))
+            self._factors = factorise_contacts(self._stencils, stiffness)
         return self._factors or self._stencils.preconditioner(stiffness, product)
 
     def count(self, iterations: int) -> None:

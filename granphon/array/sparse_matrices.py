@@ -104,32 +104,28 @@ def estimate_factors(motions: int, dimension: int) -> float:
     return factor * motions * float(motions) ** power if motions <= LARGEST_FACTORS[dimension] else math.inf
 
 
-def factorise_contacts(i: Index, j: Index, head: Array, tail: Array, stiffness: Array) -> Callable[[Array], Array]:
-    """Return an approximate inverse of C^T K C of any network of contacts, in any dimension.
+def factorise_contacts(stencils: Stencils, stiffness: Array) -> Callable[[Array], Array]:
+    """Return an approximate inverse of C^T K C for a ``stiffness`` (rows, L1, ..., Lp) of all deformations, not negative.
 
-    The deformation c of kind k is ``head[k].x_j - tail[k].x_i``, x being the motions of balls i[k, c] and j[k, c], or of
-    cells of several balls. The inverse takes forces (n, ...) and returns motions (n, ...); the other axes together count the
-    balls. It is symmetric but for rounding, and positive definite.
-
-    Parameters
-    ----------
-    i, j : (kinds, contacts) balls of each contact.
-    head, tail : (kinds, n) rows of C.
-    stiffness : (kinds, contacts), not negative.
+    It takes forces (fields, L1, ..., Lp) and returns motions. It is symmetric but for rounding, and positive definite.
     """
     from scipy.sparse import diags_array, eye_array  # imported here: most simulations do not need them
 
-    fields, balls, mean = head.shape[1], int(max(np.max(i), np.max(j))) + 1, float(np.mean(stiffness))
+    fields, cells, mean = stencils.n_fields, math.prod(stencils.shape), float(np.mean(stiffness))
+    stiffness = stiffness.reshape(len(stiffness), -1)
+    j = np.tile(number_cells(stencils.shape, stencils.shifts), (len(stiffness) // stencils.n_contacts, 1))
+    i = np.broadcast_to(np.arange(cells), j.shape)
+    head, tail = stencils.coefficients
     stiff = stiffness > STIFF * mean
     kind, contact = np.nonzero(stiff)
-    soft, diagonal = np.where(stiff, 0.0, stiffness), np.full((fields, balls), _LEAST_DIAGONAL * mean)
+    soft, diagonal = np.where(stiff, 0.0, stiffness), np.full((fields, cells), _LEAST_DIAGONAL * mean)
     parts = []
     for ends, row in ((j, head), (i, -tail)):
         for field in range(fields):
-            diagonal[field] += np.bincount(ends.ravel(), (row[:, field, None] ** 2 * soft).ravel(), balls)
+            diagonal[field] += np.bincount(ends.ravel(), (row[:, field, None] ** 2 * soft).ravel(), cells)
             here = np.flatnonzero(row[kind, field])
-            parts.append((here, balls * field + ends[kind[here], contact[here]], row[kind[here], field]))
-    c = compose(parts, (kind.size, fields * balls))
+            parts.append((here, cells * field + ends[kind[here], contact[here]], row[kind[here], field]))
+    c = compose(parts, (kind.size, fields * cells))
     matrix = c.T @ (diags_array(stiffness[kind, contact]) @ c) + diags_array(diagonal.ravel())
     scale = 1.0 / np.sqrt(matrix.diagonal())
     matrix = diags_array(scale) @ matrix @ diags_array(scale) + _HOLDING * eye_array(scale.size)

@@ -154,11 +154,6 @@ class Stencils:
             return stiffness
         return np.concatenate([ratios.get(kind.kind, float(kind.stiffness)) * stiffness for kind in self._kinds])
 
-    def ends_of_rows(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Return (rows, cells) numbers of the cells of ball i, and of ball j, of each deformation."""
-        j = np.tile(number_cells(self.shape, self.shifts), (len(self._kinds), 1))
-        return np.broadcast_to(np.arange(j.shape[1]), j.shape), j
-
     def strains(self) -> Array:
         """Return (rows, p, p) deformations of all contacts under unit displacement gradients u_a,b, without rotation."""
         return np.concatenate([strain_rows(kind, self._vector, self.motions) for kind in self._kinds])
