@@ -140,6 +140,11 @@ class Trial:
         """Derivatives of the contacts' forces; the law keeps them once they are found."""
         return self.linearise()
 
+    @property
+    def is_balanced(self) -> bool:
+        """Whether all balls are in balance, and the load is met."""
+        return self.left <= BALANCE_TOLERANCE and self.missed <= LOAD_TOLERANCE
+
     def follow(self, other: Trial) -> Trial:
         """Return another trial that has taken the steps of this one."""
         return replace(other, newton=self.newton, krylov=self.krylov)
@@ -178,7 +183,7 @@ class LoadStep:
         """
         near = self._stiffen(self._try(balls, overlap))
         trial = self._iterate(near, _NEWTON_STEPS, _PATIENCE)
-        if lags is not None and not is_balanced(trial) and self._slides:
+        if lags is not None and not trial.is_balanced and self._slides:
             lagged, tried = trial.follow(near), math.inf
             for lag in range(1, lags.most + 1):
                 if lagged.left == math.inf or lagged.newton > near.newton + lags.steps:
@@ -191,7 +196,7 @@ class LoadStep:
                     continue
                 tried = trial.size
                 trial = self._iterate(trial, _NEWTON_STEPS, _SHORT_PATIENCE)
-                if is_balanced(trial):
+                if trial.is_balanced:
                     break
                 lagged = trial.follow(lagged)
         return trial
@@ -227,7 +232,7 @@ class LoadStep:
         """
         before, hold, slow, aim = math.inf, 1.0, False, part * trial.size
         for count in range(most):
-            if is_balanced(trial) or trial.size < aim or trial.left == math.inf:  # nothing is in contact
+            if trial.is_balanced or trial.size < aim or trial.left == math.inf:  # nothing is in contact
                 break
             if max(trial.left, trial.missed) <= enough:
                 break
@@ -321,7 +326,7 @@ class LoadStep:
 
     def _turn_loose(self, trial: Trial, guess: Array | None) -> Trial:
         """Return the state with balls whose contacts all slide turned by themselves until their torques vanish."""
-        if not self._spins or trial.left == math.inf or is_balanced(trial):
+        if not self._spins or trial.left == math.inf or trial.is_balanced:
             return trial
         stencils, tangent, least = self._stencils, trial.tangent, _LOOSE * self._law.mindlin_ratio
         loose: NDArray[np.bool_] = stencils.around(tangent.springs[0] - least * tangent.stiffness) < 0.0
@@ -364,11 +369,6 @@ class LoadStep:
         fields = balls.reshape(stencils.n_balls, stencils.motions.count, *stencils.shape)[:, stencils.motions.turning]
         fields[:, 0][stencils.by_ball(loose)] += turn
         return self._try(balls, trial.overlap, guess)
-
-
-def is_balanced(trial: Trial) -> bool:
-    """Return whether all balls are in balance, and the load is met."""
-    return trial.left <= BALANCE_TOLERANCE and trial.missed <= LOAD_TOLERANCE
 
 
 class LinearSteps:

@@ -45,15 +45,7 @@ import numpy as np
 from granphon.array.equilibrium import THRESHOLD_FORCE
 from granphon.array.friction import Contacts, FrictionLaw, PressedArray
 from granphon.array.geometry import Geometry, Place, ReducedLoad, find_boundary_force
-from granphon.array.load_step import (
-    FAST_LIMITS,
-    SLOW_LIMITS,
-    SMALL_FRICTION,
-    FixedLimitSettings,
-    LoadStep,
-    Trial,
-    is_balanced,
-)
+from granphon.array.load_step import FAST_LIMITS, SLOW_LIMITS, SMALL_FRICTION, FixedLimitSettings, LoadStep, Trial
 from granphon.array.preconditioners import Patches
 from granphon.array.stencils import dot
 from granphon.base.arrays import Array
@@ -146,7 +138,7 @@ class Stepper:
             patience = FAST_LIMITS if self.from_gas else SLOW_LIMITS
             lags = None if relaxes and 0 < halvings < _LAG_HALVINGS else patience
             trial = self._make_step(here, ahead[-1], drag).solve(*self._extrapolate(trail, ahead[-1]), lags)
-            if is_balanced(trial):
+            if trial.is_balanced:
                 trail = [*trail[-2:], self._damp(trail, trial) if drag else self._arrive(here, trial)]
             elif relaxes and trial.left < math.inf and (at_rest := self.relax_overdamped(trail, ahead[-1])) is not None:
                 trail = [at_rest]
@@ -172,7 +164,7 @@ class Stepper:
         It is None if it is not found. Unlike :meth:`step`, it is not sought in shorter steps.
         """
         trial = self._make_step(trail[-1], load, drag).solve(*self._extrapolate(trail[-1:], load), lags)
-        return self._damp(trail, trial) if is_balanced(trial) else None
+        return self._damp(trail, trial) if trial.is_balanced else None
 
     def relax_overdamped(self, trail: Sequence[PressedArray], load: ReducedLoad) -> PressedArray | None:
         """Return the state in which balls come to rest under a load, from the last of the ``trail``; None if not found."""

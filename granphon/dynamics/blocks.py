@@ -30,7 +30,7 @@ from granphon.dynamics.linalg import (
     graded_svd,
     lapack_svd,
 )  # fmt: skip
-from granphon.dynamics.rows import WaveRows, bend, bend_slope
+from granphon.dynamics.rows import WaveRows, bend
 
 #: number of motions from which those that cost nothing at any wave vector are split off by LAPACK
 _MANY_FREE = 48
@@ -356,9 +356,9 @@ class _Slopes:
         if point.basis is not None:
             # gradients (n_q, p, m, bent), with respect to q, of the tilted columns of C(q)
             own, turned, half = block._tilted
-            angle = point.q @ half.T
-            inner = bend_slope(angle)[..., None] * own + np.cos(angle)[..., None] * np.einsum("mka,qa->qmk", turned, point.q)
-            outer = np.sin(angle)[:, None, :, None] * np.moveaxis(turned, 2, 0)
+            angle = (point.q @ half.T)[..., None]
+            inner = angle * np.sin(angle) * own + np.cos(angle) * np.einsum("mka,qa->qmk", turned, point.q)
+            outer = np.sin(angle)[:, None] * np.moveaxis(turned, 2, 0)
             self.tilted = half.T[:, :, None] * inner[:, None] + outer
 
     def compute_along(self, points: NDArray[np.intp], vectors: NDArray[Any], first: int, along: Array) -> NDArray[Any]:

@@ -229,14 +229,9 @@ class WaveRows(NamedTuple):
 
 
 def bend(angle: Array) -> Array:
-    """Return sin h - h cos h, to rounding of itself: h^3/3 at small angles."""
+    """Return sin h - h cos h, to rounding of itself: h^3/3 at small angles. Its derivative is h sin h."""
     square = np.square(angle)
     series = np.zeros_like(angle)
     for coefficient in reversed(_BEND):
         series = series * square + coefficient
     return np.asarray(np.where(np.abs(angle) < _SERIES, angle * square * series, np.sin(angle) - angle * np.cos(angle)))
-
-
-def bend_slope(angle: Array) -> Array:
-    """Return h sin h, the derivative of :func:`bend`."""
-    return np.asarray(angle * np.sin(angle))
