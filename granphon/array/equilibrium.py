@@ -251,13 +251,7 @@ class Equilibrium(Result):
         if not eta:  # only shear turns balls that are strained: without it twist and roll store nothing
             mean = bending = 0.0
         stencils = Stencils(own.shape, eta, own.workers, self.lattice, mean, bending)
-        stiffness, n, p = stencils.weights(normal), stencils.n_contacts, len(own.shape)
-        if twist.ndim and stencils.motions.twist and mean:
-            first = len(stiffness) - (3 if bending else 1) * n  # the twist stands last, but for two rolls
-            stiffness[first : first + n] = twist * normal
-        if slip.ndim and eta:
-            for first in range(n, n * len(self.lattice.vectors), n):  # one slip in a plane, two in space
-                stiffness[first : first + n] = slip * normal
+        stiffness, n, p = stencils.weights(normal, slip=slip, twist=twist), stencils.n_contacts, len(own.shape)
         gradients = stencils.strains()
         unit = np.array([0.5 * (gradients[:, a, b] + gradients[:, b, a]) for a, b in voigt_pairs(p)])
         affine = unit[(..., *(None,) * p)]
@@ -458,7 +452,7 @@ def equilibrate(
         size = max(float(np.max(np.abs(here.rest.balls))), abs(here.rest.compression) / means.size)
         rest = Motion((here.rest.balls / size).astype(stiffness.dtype), here.rest.compression / size)
         mean = float(np.mean(stiffness)) if free else None
-        step, taken = solve_for_motion(product, rest, inverse, reduction, mean)
+        step, taken, _ = solve_for_motion(product, rest, inverse, reduction, mean)
         scale = size / here.level
         step = Motion(step.balls.astype(float) * scale, step.compression * scale)
         inverses.count(taken)

@@ -245,8 +245,7 @@ class FrictionLaw:
             return np.zeros_like(forces)
         if mu == 0.0:
             return (forces > 0.0).astype(float)
-        limit = mu * forces
-        return np.minimum(np.divide(contacts.tangential, limit, out=np.zeros_like(limit), where=limit > 0.0), 1.0)
+        return self.ratios(contacts) / mu
 
     def ratios(self, contacts: Contacts) -> Array:
         """Return (n_c, L1, ..., Lp) |T| over the normal force f, at most mu; zero where balls are apart."""

@@ -34,14 +34,14 @@ A geometry makes places: configurations of an array, that is, the motion of its 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from granphon.array.contact_operator import ContactHessian
 from granphon.array.friction import Tangent
-from granphon.array.krylov import MOST_ITERATIONS, Single, conjugate_gradients, solve_for_motion
+from granphon.array.krylov import MOST_ITERATIONS, Single, solve_for_motion
 from granphon.array.stencils import Motion, Stencils
 from granphon.balls.contact_table import contact_frames
 from granphon.base.arrays import Array
@@ -82,6 +82,24 @@ class ReducedLoad(NamedTuple):
     on_boundary: bool = False
 
 
+class ActingForces(NamedTuple):
+    """What the contacts of an array do in a small motion.
+
+    Attributes
+    ----------
+    law : changes of forces (-df, dT) that follow from a loss of overlap and a slip.
+    forces : (n_c, L1, ..., Lp) normal forces that act, and turn with their contacts; with the sign below zero where they are
+        to hold balls against going aside, and not to push them there.
+    shears : (n_s, n_c, L1, ..., Lp) tangential forces that act; n_s is 0 where nothing resists slip.
+    rolling : stiffnesses of contacts against twist and rolls.
+    """
+
+    law: Law
+    forces: Array
+    shears: Array
+    rolling: tuple[Any, Any] = (0.0, 0.0)
+
+
 class LatticeGeometry:
     """Geometry of contacts that keep the directions of the lattice: the limit of spread and overlap small against d.
 
@@ -116,7 +134,7 @@ class LatticeGeometry:
         number of iterations.
         """
         mean = float(np.mean(stiffness)) if free else None
-        return solve_for_motion(self.stencils.hessian(stiffness), right, inverse, reduction, mean)
+        return solve_for_motion(self.stencils.hessian(stiffness), right, inverse, reduction, mean)[:2]
 
 
 class LatticePlace:
@@ -220,38 +238,27 @@ class ExactGeometry:
         with the other sign, with which there is always a solution; balls that are pushed aside then go the same way. If
         ``truly`` is true, its own sign is tried before. ``most`` is the largest number of iterations.
         """
-        size, shape, held = right.balls.size, right.balls.shape, 1.0 / float(np.sum(stiffness))
-
-        def split(vector: Array) -> Motion:
-            return Motion(vector[:size].reshape(shape), float(vector[size]) if free else 0.0)
-
-        def join(balls: Array, press: float) -> Array:
-            return np.append(balls, press) if free else np.ravel(balls)
-
-        def apply(product: ContactHessian, vector: Array) -> Array:
-            return join(*product(*split(vector)))
-
-        count, limit = 0, most or MOST_ITERATIONS
+        count, limit, mean = 0, most or MOST_ITERATIONS, float(np.mean(stiffness)) if free else None
         for sign in (1.0, -1.0) if truly else (-1.0,):
             product = place.multiply(stiffness, sign * forces)
-            found, taken, stable = conjugate_gradients(
-                partial(apply, product),
-                lambda vector: join(inverse(split(vector).balls), held * split(vector).compression),
-                join(*right), reduction, limit,
-            )  # fmt: skip
+            found, taken, stable = solve_for_motion(product, right, inverse, reduction, mean, limit, of_residual=False)
             count += taken
             # with the true sign a system that is hardly stable has no end; a limit that is given is one of patience
             if stable and (most is not None or taken < limit):
                 break
-        return split(found), count
+        return found, count
 
     def weigh(self, stiffness: Array, forces: Array) -> Array:
         """Return (rows, L1, ..., Lp) stiffnesses of contacts, and of displacements across them by forces, without a sign."""
         return np.concatenate([stiffness, *[self.ratio * forces] * (self.dimension - 1)])
 
+    def deform(self, motion: Motion) -> Array:
+        """Return the deformations (rows, n_c, L1, ..., Lp) of :attr:`frame`."""
+        return self.frame.deformations(motion).reshape(-1, *self.means.shape)
+
     def split(self, motion: Motion) -> tuple[_Vector, _Vector, _Vector]:
         """Return v, and the sum and the difference of the rotations of balls j and i, in the frames of the lattice."""
-        return self.sort(self.frame.deformations(motion).reshape(-1, *self.means.shape))
+        return self.sort(self.deform(motion))
 
     def sort(self, rows: Array) -> tuple[_Vector, _Vector, _Vector]:
         """Return the three vectors from the deformations (rows, n_c, L1, ..., Lp) of :attr:`frame`."""
@@ -264,8 +271,7 @@ class ExactGeometry:
 
     def join(self, push: _Vector, turning: _Vector, rolling: _Vector) -> Array:
         """Return the forces on balls whose work is that of forces on the three vectors of :meth:`split`."""
-        parts = self.stack(push, turning, rolling)
-        return self.frame.forces(*parts)
+        return self.frame.forces(*self.stack(push, turning, rolling))
 
     def stack(self, push: _Vector, turning: _Vector, rolling: _Vector) -> Array:
         """Return the forces on the three vectors as those on the deformations (rows, n_c, L1, ..., Lp) of :attr:`frame`."""
@@ -406,17 +412,10 @@ class ExactPlace:
                 out += np.einsum("c,ci,cj->ij", sums, axes[:, a], axes[:, b])
         return np.asarray(self.geometry.ratio * out)
 
-    def respond(
-        self, motion: Motion, law: Law, forces: Array, shears: Array, rolling: tuple[Any, Any] = (0.0, 0.0)
-    ) -> tuple[Array, float]:
-        """Return the changes of :meth:`pull` and of the sum of forces by a small motion, both times -1.
-
-        The changes of forces follow from the ``law``; ``forces`` and ``shears`` are those that act here: they turn with
-        their contacts. ``rolling`` are the stiffnesses of contacts against twist and rolls.
-        """
-        moved, total, difference = self.geometry.split(motion)
-        push, turning, rolled, normal = self.resist(moved, total, difference, law, forces, shears, rolling)
-        return self.geometry.join(push, turning, rolled), -float(np.sum(normal))
+    def respond(self, motion: Motion, acting: ActingForces) -> tuple[Array, float]:
+        """Return the changes of :meth:`pull` and of the sum of forces by a small motion, both times -1."""
+        tensions, normal = self.resist(self.geometry.deform(motion), acting)
+        return self.geometry.frame.forces(*tensions), -float(np.sum(normal))
 
     def multiply(self, stiffness: Array, forces: Array) -> ContactHessian:
         """Return the product of :meth:`respond` with motions of balls without rotations, by the ``stiffness`` of contacts.
@@ -433,31 +432,32 @@ class ExactPlace:
             table[a, a] -= aside
         return np.asarray(table)
 
-    def tabulate(self, law: Law, forces: Array, shears: Array, rolling: tuple[Any, Any] = (0.0, 0.0)) -> Iterator[Array]:
+    def tabulate(self, acting: ActingForces) -> Iterator[Array]:
         """Yield what :meth:`resist` does, for a unit of each of the m deformations of frames: (m, n_c, L1, ..., Lp)."""
         m = self.geometry.frame.n_rows // len(self.size)
         for at in range(m):
             rows = np.zeros((m, *self.size.shape))
             rows[at] = 1.0
-            yield self.geometry.stack(*self.resist(*self.geometry.sort(rows), law, forces, shears, rolling)[:3])
+            yield self.resist(rows, acting)[0]
 
     def linearise(self, tangent: Tangent, forces: Array, shears: Array) -> Product:
         """Return :meth:`respond` with the ``tangent`` of the law of friction, for motions in single precision."""
 
+        acting = ActingForces(tangent.apply, forces, shears)
+
         def product(balls: Single, press: float | None) -> tuple[Single, float]:
-            pull, push = self.respond(Motion(balls.astype(float), press or 0.0), tangent.apply, forces, shears)
+            pull, push = self.respond(Motion(balls.astype(float), press or 0.0), acting)
             return pull.astype(np.float32), push
 
         return product
 
-    def resist(
-        self, moved: _Vector, total: _Vector, difference: _Vector, law: Law, forces: Array, shears: Array,
-        rolling: tuple[Any, Any] = (0.0, 0.0),
-    ) -> tuple[_Vector, _Vector, _Vector, Array]:  # fmt: skip
-        """Return what :meth:`respond` does, contact by contact: forces against the three vectors of a small motion.
+    def resist(self, rows: Array, acting: ActingForces) -> tuple[Array, Array]:
+        """Return what :meth:`respond` does, contact by contact: forces against the small deformations of frames, and -df.
 
-        The fourth is -df.
+        Deformations and forces are (rows, n_c, L1, ..., Lp).
         """
+        law, forces, shears, (twist, roll) = acting
+        moved, total, difference = self.geometry.sort(rows)
         eps, n, half = self.geometry.ratio, self.normal, 0.5 * self.size
         loss = _dot(n, moved)
         shear = shears
@@ -481,10 +481,9 @@ class ExactPlace:
         else:
             turning = _times(half, across)
         turning, back = _times(-1.0, turning), _times(-self.geometry.uneven, across)
-        twist, roll = rolling
         if np.any(twist) or np.any(roll):
             back = _add(back, _add(_times(roll, difference), _times((twist - roll) * _dot(difference, n), n)))
-        return push, turning, back, normal
+        return self.geometry.stack(push, turning, back), normal
 
 
 #: geometry of an array of balls, and a configuration in it

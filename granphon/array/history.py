@@ -158,9 +158,8 @@ class LoadingHistory:
             falls = halvings == MOST_HALVINGS and kept + change <= self.tolerance
             # balance to a finite residual leaves f* uncertain
             if falls or (change <= max(allowed, _NOISE * BALANCE_TOLERANCE) and (halvings >= _LOSS_HALVINGS or kept_loss)):
-                slid = loosened = 0.0  # what is lost more, from each state on
-                for at, (one, more) in enumerate(zip(found, bent, strict=True)):
-                    slid, loosened = slid + more[0], loosened + more[1]
+                more = np.cumsum(bent, axis=0).tolist()  # what is lost more, from each state on
+                for at, (one, (slid, loosened)) in enumerate(zip(found, more, strict=True)):
                     work = one.work + (slid + loosened)
                     found[at] = replace(one, slid=one.slid + slid, loosened=one.loosened + loosened, work=work)
                 yield from found
@@ -174,9 +173,7 @@ class LoadingHistory:
                 allowed = max(0.5 * allowed, _LEAST_SHARE * self.tolerance)
                 ahead += [(load, allowed, halvings + 1), (middle, allowed, halvings + 1)]
 
-    def _compare(
-        self, trail: Sequence[PressedArray], steps: int, load: ReducedLoad
-    ) -> tuple[float, list[tuple[float, float]]]:
+    def _compare(self, trail: Sequence[PressedArray], steps: int, load: ReducedLoad) -> tuple[float, list[Array]]:
         """Return by how much f*, and the two losses of each step, would change if the last ``steps`` were halved; estimates.
 
         The middle of a step is interpolated, and the law of the contacts followed through it. By the theorem of reciprocity
@@ -197,11 +194,7 @@ class LoadingHistory:
             # single contacts that begin to slide or open are not foreseen well: their number is uncertain by its root
             share = abs(float(np.sum(rise))) + math.sqrt(dot(rise, rise))
             change += _CAUTION * share / after.overlaps.size / abs(three[last].overlap - three[last - 1].overlap)
-            parts = zip(self._law.lost(before, half), self._law.lost(half, again), strict=True)
-            slid, loosened = (first + second for first, second in parts)
-            slid, loosened = (
-                slid - (three[last].slid - three[last - 1].slid),
-                loosened - (three[last].loosened - three[last - 1].loosened),
-            )
-            bent.append((slid, loosened))
+            lost = np.add(self._law.lost(before, half), self._law.lost(half, again))
+            whole = np.diff([(one.slid, one.loosened) for one in (three[last - 1], three[last])], axis=0)
+            bent.append(lost - whole[0])
         return change, bent

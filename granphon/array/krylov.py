@@ -80,19 +80,20 @@ def conjugate_gradients(
 
 
 def solve_for_motion(
-    product: ContactHessian, force: Motion, precondition: Map, reduction: float, stiffness: float | None
-) -> tuple[Motion, int]:
-    """Solve C^T K C u = ``force``, and return u with the number of iterations.
+    product: ContactHessian, force: Motion, precondition: Map, reduction: float, stiffness: float | None,
+    most: int = MOST_ITERATIONS, of_residual: bool = True,
+) -> tuple[Motion, int, bool]:  # fmt: skip
+    """Solve C^T K C u = ``force``; see :func:`conjugate_gradients` for the numbers, and for what is returned.
 
-    The residual falls by ``reduction``, or the iteration ends at its largest number, from where Newton's method goes on.
-    With a ``stiffness``, the mean of those of all contacts, the compression is an unknown too.
+    Where the iteration ends at ``most``, its largest number, Newton's method goes on from there. With a ``stiffness``, the
+    mean of those of all contacts, the compression is an unknown too.
     """
     shape, size = force.balls.shape, force.balls.size
     if stiffness is None:
-        balls, count, _ = conjugate_gradients(
-            lambda balls: product(balls)[0], precondition, force.balls, reduction, MOST_ITERATIONS, of_residual=True
+        balls, count, stable = conjugate_gradients(
+            lambda balls: product(balls)[0], precondition, force.balls, reduction, most, of_residual=of_residual
         )
-        return Motion(balls, 0.0), count
+        return Motion(balls, 0.0), count, stable
 
     root = math.sqrt(product.n_contacts)  # over which what the contacts lack in sum is as large as forces on balls
 
@@ -109,8 +110,8 @@ def solve_for_motion(
         return join(precondition(vector[:size].reshape(shape)), float(vector[size]) / stiffness)
 
     right = join(force.balls, force.compression / root)
-    found, count, _ = conjugate_gradients(apply, invert, right, reduction, MOST_ITERATIONS, of_residual=True)
-    return Motion(found[:size].reshape(shape), float(found[size]) / root), count
+    found, count, stable = conjugate_gradients(apply, invert, right, reduction, most, of_residual=of_residual)
+    return Motion(found[:size].reshape(shape), float(found[size]) / root), count, stable
 
 
 def _add(vector: Values, factor: float, other: Values, own: float = 1.0) -> None:

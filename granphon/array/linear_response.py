@@ -21,18 +21,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from granphon.array.geometry import ExactPlace, Inverse, Law
+from granphon.array.geometry import ActingForces, ExactPlace, Inverse
 from granphon.array.krylov import KEPT, Map, Single, conjugate_gradients
 from granphon.array.preconditioners import Preconditioners
 from granphon.array.sparse_matrices import compose_hessian, factorise
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError
-from granphon.dynamics.long_waves import voigt_pairs
+from granphon.dynamics.long_waves import find_stress_part, voigt_pairs
 
 #: largest number of iterations for a linear response
 _MOST_ITERATIONS = 60_000
@@ -110,49 +110,26 @@ def find_linear_response(stencils: Stencils, springs: Array, tensions: Iterable[
     return motions
 
 
-class ActingForces(NamedTuple):
-    """What the contacts of an array do in a small motion.
-
-    Attributes
-    ----------
-    law : changes of forces (-df, dT) that follow from a loss of overlap and a slip.
-    springs : (rows, L1, ..., Lp) stiffnesses of all deformations of the stencils, for preconditioners.
-    forces : (n_c, L1, ..., Lp) normal forces that act; with the sign below zero where they are to hold balls against going
-        aside, and not to push them there.
-    shears : (n_s, n_c, L1, ..., Lp) tangential forces that act; n_s is 0 where nothing resists slip.
-    rolling : stiffnesses of contacts against twist and rolls.
-    """
-
-    law: Law
-    springs: Array
-    forces: Array
-    shears: Array
-    rolling: tuple[Any, Any] = (0.0, 0.0)
-
-
-def find_motions(place: ExactPlace, acting: ActingForces, stencils: Stencils) -> Callable[[Array], Array]:
+def find_motions(place: ExactPlace, acting: ActingForces, stencils: Stencils, springs: Array) -> Callable[[Array], Array]:
     """Return what finds the motion (fields, L1, ..., Lp) by which the balls follow small forces on them.
 
-    ``stencils`` have the springs against all deformations, as rows. The motion is not found where
-    :class:`~granphon.base.errors.ConvergenceError` is raised.
+    ``springs`` (rows, L1, ..., Lp) are the stiffnesses of all deformations of the ``stencils``, for preconditioners. The
+    motion is not found where :class:`~granphon.base.errors.ConvergenceError` is raised.
     """
     from scipy.sparse import eye_array  # imported here: most simulations do not need it
 
     frame, symmetric = place.geometry.frame, not np.any(acting.shears)
-    stiff, count = float(np.mean(acting.springs[: stencils.n_contacts])), math.prod(frame.shape) * frame.n_balls
-    carrying, where = int(np.count_nonzero(acting.springs[: stencils.n_contacts])), len(frame.shape) - 2
+    stiff, count = float(np.mean(springs[: stencils.n_contacts])), math.prod(frame.shape) * frame.n_balls
+    carrying, where = int(np.count_nonzero(springs[: stencils.n_contacts])), len(frame.shape) - 2
     small, few = carrying <= _MOST_AT_ONCE[where], count <= _MOST_BALLS[where]
-
-    def tabulate() -> Iterator[Array]:
-        return place.tabulate(acting.law, acting.forces, acting.shears, acting.rolling)
 
     # the product of a symmetric matrix is made of its rows: an assembled one has rounding along motions that nothing holds,
     # which may count as curvature below zero
-    table = np.array(list(tabulate())) if symmetric else None
+    table = np.array(list(place.tabulate(acting))) if symmetric else None
     product = None if table is None else frame.couple(table)
     matrix: Any = None
     if small if symmetric else few:
-        matrix = compose_hessian(frame, np.array(list(tabulate())) if table is None else table)
+        matrix = compose_hessian(frame, np.array(list(place.tabulate(acting))) if table is None else table)
     held = None if matrix is None else matrix + _HOLDING * stiff * eye_array(matrix.shape[0], format="csc")
 
     def offer_inverses() -> Iterator[tuple[Inverse, int]]:
@@ -160,11 +137,11 @@ def find_motions(place: ExactPlace, acting: ActingForces, stencils: Stencils) ->
         if held is not None and small and (factors := _factorise(frame, held, symmetric)):
             yield factors, _MOST_ITERATIONS
             return
-        whole = Preconditioners(stencils).choose(acting.springs, hard=True)
+        whole = Preconditioners(stencils).choose(springs, hard=True)
         if symmetric:  # it has to be positive definite
             yield whole, _MOST_ITERATIONS
             return
-        alone = _invert_balls(frame, stiff, tabulate())
+        alone = _invert_balls(frame, stiff, place.tabulate(acting))
         yield lambda force: whole(force) + alone(force), _MOST_ITERATIONS if held is None else _PATIENCE * KEPT
         if held is not None and (factors := _factorise(frame, held)):
             yield factors, _MOST_ITERATIONS
@@ -179,8 +156,7 @@ def find_motions(place: ExactPlace, acting: ActingForces, stencils: Stencils) ->
         if held is not None:
             return np.asarray(held @ vector)
         motion = Motion(vector.reshape(shape), 0.0)
-        change = place.respond(motion, acting.law, acting.forces, acting.shears, acting.rolling)[0]
-        return np.ravel(change) + _HOLDING * stiff * vector
+        return np.ravel(place.respond(motion, acting)[0]) + _HOLDING * stiff * vector
 
     def precondition(vector: Array) -> Array:
         return np.ravel(inverse(vector.reshape(shape)))
@@ -218,55 +194,30 @@ def _solve_by_gmres(apply: Map, precondition: Map, right: Array, floor: float, m
     return found, not failed
 
 
-def find_elastic_tensor(place: ExactPlace, acting: ActingForces, stencils: Stencils) -> Array:
+def find_elastic_tensor(place: ExactPlace, acting: ActingForces, stencils: Stencils, springs: Array) -> Array:
     """Return the (n, n) elastic tensor of an array under stress, in Voigt order, in units of stiffness times d^(2 - p).
 
-    It is the change of the Cauchy stress with strain (F. Birch, Phys. Rev. 71, 809, 1947), as
+    It is the change of the Cauchy stress with strain, as
     :meth:`granphon.dynamics.lattice.ContactLattice.elastic_tensor` has it, of which the symmetric part is kept. The cell is
-    the compressed one. ``stencils`` and errors are those of :func:`find_motions`.
+    the compressed one. ``stencils``, ``springs`` and errors are those of :func:`find_motions`.
     """
     geometry, p = place.geometry, len(stencils.shape)
-    frames, vector = geometry.axes(), place.vector[: len(stencils.shape)]
-    pairs, tail = voigt_pairs(p), (None,) * len(stencils.shape)
-
-    def strain(a: int, b: int) -> Any:
-        """Relative displacements of balls under a unit strain, in the frames of the lattice."""
-        # frames have rows e, t, b: component k of S w is the sum over l of (frame S frame^T)_kl w_l
-        one = 0.5 * (frames[:, :, a, None] * frames[:, None, :, b] + frames[:, :, b, None] * frames[:, None, :, a])
-        moved = [sum(one[(slice(None), k, m, *tail)] * vector[m] for m in range(p)) for k in range(p)]
-        return (*moved, *(0.0,) * (3 - p))
-
-    none = (0.0, 0.0, 0.0)
-    strains = [strain(a, b) for a, b in pairs]
-    every = [place.resist(one, none, none, acting.law, acting.forces, acting.shears, acting.rolling)[:3] for one in strains]
-    find = find_motions(place, acting, stencils)
-    motions = [find(geometry.join(*one)) for one in every]
-    # what is left of each strain once the balls have moved, and the forces against it
-    tensor = np.zeros((len(pairs), len(pairs)))
-    rest: list[Any] = []
-    for one, motion in zip(strains, motions, strict=True):
-        moved = tuple(
-            tuple(a - b for a, b in zip(first, second, strict=True))
-            for first, second in zip((one, none, none), geometry.split(Motion(motion, 0.0)), strict=True)
-        )
-        rest.append(moved)
-    for column, (first, second, third) in enumerate(rest):
-        resisted = place.resist(first, second, third, acting.law, acting.forces, acting.shears, acting.rolling)[:3]
-        for row, other in enumerate(rest):
-            terms = (np.sum(a * b) for x, y in zip(resisted, other, strict=True) for a, b in zip(x, y, strict=True))
-            tensor[row, column] = float(sum(terms))
-    eps = geometry.ratio
+    # deformations of the frames under unit strains: component k of S w is the sum over l of (frame S frame^T)_kl w_l
+    frames, pairs, eps = geometry.axes(), voigt_pairs(p), geometry.ratio
+    unit = np.zeros((len(pairs), p, p))
+    for one, (a, b) in zip(unit, pairs, strict=True):
+        one[a, b] += 0.5
+        one[b, a] += 0.5
+    turned = np.einsum("nka,vab,nlb->vnkl", frames, unit, frames)
+    strains = np.zeros((len(pairs), geometry.frame.n_rows // len(place.size), *place.size.shape))
+    strains[:, :p] = np.einsum("vnkl,ln...->vkn...", turned, np.array(place.vector[:p]))
+    find = find_motions(place, acting, stencils, springs)
+    for one in strains:  # what is left of each once the balls have moved
+        one -= geometry.deform(Motion(find(geometry.frame.forces(*place.resist(one, acting)[0])), 0.0))
+    resisted = (place.resist(one, acting)[0] for one in strains)
+    tensor = np.array([[np.sum(tensions * one) for one in strains] for tensions in resisted])
     measure = stencils.lattice.measure * math.prod(stencils.shape) * (1.0 - eps * place.overlap) ** p
-    stress = place.stress(np.abs(acting.forces), acting.shears) / measure
-    one = np.eye(p)
-    for row, (i, j) in enumerate(pairs):
-        for column, (k, m) in enumerate(pairs):
-            turned = (
-                stress[i, k] * one[j, m] + stress[i, m] * one[j, k] + stress[j, k] * one[i, m] + stress[j, m] * one[i, k]
-            )
-            spread = stress[i, j] * one[k, m] + stress[k, m] * one[i, j]
-            tensor[row, column] += measure * (0.25 * turned - 0.5 * spread)
-    tensor /= measure
+    tensor = tensor / measure + find_stress_part(place.stress(np.abs(acting.forces), acting.shears) / measure)
     return np.asarray(0.5 * (tensor + tensor.T))
 
 

@@ -152,7 +152,7 @@ class PressedEquilibrium(Equilibrium):
         if not self.ratio:
             return super().find_elasticity(shear, torsion, bending)
         own, parts = np.asarray(shear, float), (self.shears, self.rotations)
-        return find_exact_elasticity(self, self.ratio, self.mindlin_ratio, own, torsion, bending, *parts)
+        return find_exact_elasticity(self, self.mindlin_ratio, own, torsion, bending, *parts)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -18,11 +18,12 @@ from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, THRESHOLD_
 from granphon.array.geometry import ADDED_STIFFNESS
 from granphon.array.sparse_matrices import compose, factorise
 from granphon.balls import hertz
-from granphon.balls.contact_table import contact_frames
 from granphon.balls.lattices import TRIANGULAR, Lattice
+from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError
 from granphon.dynamics.long_waves import voigt_pairs
+from granphon.dynamics.rows import Row, contact_rows, strain_rows
 
 #: largest number of steps of Newton's method, each with an LU factorisation
 _FACTORISATIONS = 200
@@ -61,25 +62,21 @@ class SparseArray:
         self._c = self._make_compatibility(0.0)
         self._transposed, self._free = self._c.T.tocsr(), np.arange(d, d * n)  # the first ball is pinned
 
-    def _make_compatibility(self, mindlin_ratio: float) -> Any:
-        """Return C. Rows: elongations of all contacts, kind by kind, then slips along one tangent after the other.
+    def _list_rows(self, mindlin_ratio: float) -> tuple[list[Row], Motions]:
+        """Return the deformations of the contacts, and the motions of each ball."""
+        table, among = self.lattice.contacts, next(iter(allowed_motions(self._d).values()))
+        motions = select_motions(mindlin_ratio, 0.0, 0.0, among)
+        return contact_rows(table.normal, table.arm_i, table.arm_j, motions, slip=mindlin_ratio), motions
 
-        Columns: u of each ball, then its rotations. Slips and rotations are left out without friction, and on a line.
-        """
-        table, n, d, parts = self.lattice.contacts, math.prod(self.shape), self._d, []
-        frame = [np.stack(axis, axis=1) for axis in contact_frames(table.normal)]  # n, t, n x t
-        slips = {1: 0, 2: 1, 3: 2}[d] if mindlin_ratio else 0
-        turns = {0: [], 1: [2], 2: [0, 1, 2]}[slips]
-        dofs = d + len(turns)
-        for block in range(1 + slips):
-            rows, axis = block * self._i.size + np.arange(self._i.size), frame[block]
-            spin = np.cross(frame[0], axis)
-            for ends, sign, arms in ((self._j, 1.0, table.arm_j), (self._i, -1.0, table.arm_i)):
-                parts += [(rows, dofs * ends + dof, np.repeat(sign * axis[:, dof], n)) for dof in range(d)]
-                # slip along t: t.(u_j - u_i) - (phi_i arm_i + phi_j arm_j).(n x t)
-                for place, turn in enumerate(turns if block else []):
-                    parts.append((rows, dofs * ends + d + place, np.repeat(-arms * spin[:, turn], n)))
-        return compose(parts, ((1 + slips) * self._i.size, dofs * self.lattice.n_balls * n))
+    def _make_compatibility(self, mindlin_ratio: float) -> Any:
+        """Return C. Rows: each deformation of all contacts, kind by kind. Columns: the motions of ball after ball."""
+        (rows, motions), parts = self._list_rows(mindlin_ratio), []
+        n, size, count = math.prod(self.shape), self._i.size, motions.count
+        for place, row in enumerate(rows):
+            for ends, coefficients in ((self._j, row.head), (self._i, -row.tail)):
+                lines = place * size + np.arange(size)[:, None]
+                parts.append((lines, count * ends[:, None] + np.arange(count), np.repeat(coefficients, n, axis=0)))
+        return compose(parts, (len(rows) * size, count * self.lattice.n_balls * n))
 
     # -- at rest ----------------------------------------------------------------------------------------------------
 
@@ -133,16 +130,13 @@ class SparseArray:
         flat = np.asarray(forces, float).ravel()
         carried = flat > CARRIED_FORCE * self._find_largest(self._transposed @ flat)
         normal = hertz.stiffness_under(np.where(carried, flat, 0.0))
-        c = self._make_compatibility(mindlin_ratio)
-        slips = c.shape[0] // normal.size - 1
-        stiffness = np.concatenate([normal, *[mindlin_ratio * normal] * slips])
-        # elongations n.e.n, then slips t.e.n, of every contact (rows) under each unit strain in Voigt order
-        n, *tangents = contact_frames(self.lattice.contacts.normal)
-        rows = [
-            np.stack([0.5 * (axis[a] * n[b] + axis[b] * n[a]) for a, b in voigt_pairs(self._d)], axis=1)
-            for axis in (n, *tangents)
-        ]
-        strained = np.repeat(np.concatenate(rows), math.prod(self.shape), axis=0)[: stiffness.size]
+        c, (rows, motions) = self._make_compatibility(mindlin_ratio), self._list_rows(mindlin_ratio)
+        stiffness = np.concatenate([row.stiffness * normal for row in rows])
+        # deformations of every contact under each unit strain in Voigt order
+        vectors = self.lattice.contacts.vector[:, : self._d]
+        gradients = np.concatenate([strain_rows(row, vectors, motions) for row in rows])
+        unit = [0.5 * (gradients[:, a, b] + gradients[:, b, a]) for a, b in voigt_pairs(self._d)]
+        strained = np.repeat(np.stack(unit, axis=1), math.prod(self.shape), axis=0)
         transposed = c.T.tocsr()
         matrix = (transposed @ c.multiply(stiffness[:, None])).tocsc()
         hold = _HOLDING_STIFFNESS * float(np.max(stiffness)) * eye_array(c.shape[1], format="csc")

@@ -145,11 +145,14 @@ class Stencils:
         """Return an array of :attr:`ball_shape` with the ball of the cell as its first axis, (balls, L1, ..., Lp)."""
         return values.reshape(self.n_balls, *self.shape)
 
-    def weights(self, stiffness: Array) -> Array:
-        """Return (rows, L1, ..., Lp) stiffnesses of all deformations, from those of elongations (contacts, L1, ..., Lp)."""
+    def weights(self, stiffness: Array, **ratios: Any) -> Array:
+        """Return (rows, L1, ..., Lp) stiffnesses of all deformations, from those of elongations (contacts, L1, ..., Lp).
+
+        The ``ratios`` of a kind of deformation, "slip" or "twist", one for each contact, take the place of its own.
+        """
         if self.n_rows == self.n_contacts:
             return stiffness
-        return np.concatenate([float(kind.stiffness) * stiffness for kind in self._kinds])
+        return np.concatenate([ratios.get(kind.kind, float(kind.stiffness)) * stiffness for kind in self._kinds])
 
     def ends_of_rows(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return (rows, cells) numbers of the cells of ball i, and of ball j, of each deformation."""

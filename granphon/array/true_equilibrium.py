@@ -27,6 +27,7 @@ from granphon.array.equilibrium import CARRIED_FORCE, REST_TOLERANCE, Equilibriu
 from granphon.array.geometry import (
     ADDED_STIFFNESS,
     LOAD_TOLERANCE,
+    ActingForces,
     ExactGeometry,
     ExactPlace,
     Inverse,
@@ -35,7 +36,7 @@ from granphon.array.geometry import (
 )
 from granphon.array.interior import CLOSE, approach
 from granphon.array.krylov import conjugate_gradients
-from granphon.array.linear_response import ActingForces, find_elastic_tensor, find_motions
+from granphon.array.linear_response import find_elastic_tensor, find_motions
 from granphon.array.preconditioners import MOST_BALLS, Preconditioners
 from granphon.array.sparse_matrices import compose_hessian, factorise
 from granphon.array.stencils import Motion, Stencils, dot
@@ -112,7 +113,7 @@ class TrueEquilibrium(Equilibrium):
         least = CARRIED_FORCE * (self.residual if residual is None else residual) * self.force
         carried = np.where(_ASIDE * self.ratio * self.forces > least, self.forces, -self.forces) * (stiffness > 0.0)
         none = np.zeros((0, *carried.shape))
-        return ActingForces(lambda loss, slip: (stiffness * loss, slip), stiffness, carried, none)
+        return ActingForces(lambda loss, slip: (stiffness * loss, slip), carried, none)
 
     def _act_at_rest(self) -> ActingForces:
         """Return what :meth:`_act` does where the energy is known to be least.
@@ -121,7 +122,7 @@ class TrueEquilibrium(Equilibrium):
         all the same: what pushes it aside then holds it.
         """
         acting, stencils, axes = self._act(), self.stencils, self.place.geometry.axes()
-        table = self.place.tabulate_stiffness(acting.springs, acting.forces)
+        table = self.place.tabulate_stiffness(self.stiffnesses, acting.forces)
         blocks = [[stencils.around(one) for one in row] for row in np.einsum("nka,kln...,nlb->abn...", axes, table, axes)]
         aside = np.linalg.eigvalsh(np.moveaxis(np.array(blocks), (0, 1), (-2, -1)))[..., 0] < 0.0
         leans = stencils.average_pairs(aside.astype(float)) > 0.0
@@ -130,8 +131,8 @@ class TrueEquilibrium(Equilibrium):
     def _follow(self) -> tuple[Callable[[Array], Array], Any]:
         """Return what finds small motions of the balls, and the relative displacements of contacts with y."""
         acting, still = self._act_at_rest(), np.zeros_like(self.balls)
-        pull, _ = self.place.respond(Motion(still, 1.0), acting.law, acting.forces, acting.shears)
-        find = find_motions(self.place, acting, self.stencils)
+        pull, _ = self.place.respond(Motion(still, 1.0), acting)
+        find = find_motions(self.place, acting, self.stencils, self.stiffnesses)
         return find, self.place.geometry.split(Motion(find(-pull), 1.0))[0]
 
     def response(self) -> Array:
@@ -158,13 +159,13 @@ class TrueEquilibrium(Equilibrium):
         ``choose`` returns a preconditioner. After ``patience`` iterations factors are tried, where they are small. They do
         not come first: their pivots allow for rounding, within which the response may meet a curvature below zero.
         """
-        acting, balls = self._act(min(self.residual, _LEAST_TOLERANCE)), self.deviations.size
-        may_factorise = len(self.stencils.shape) == 2 and balls <= MOST_BALLS[1]
+        forces, stiffness = self._act(min(self.residual, _LEAST_TOLERANCE)).forces, self.stiffnesses
+        may_factorise = len(self.stencils.shape) == 2 and self.deviations.size <= MOST_BALLS[1]
         down, generator, taken = list[Array](), np.random.default_rng(0), 0
-        along, across = np.sqrt(acting.springs), np.sqrt(self.ratio * np.abs(acting.forces))
+        along, across = np.sqrt(stiffness), np.sqrt(self.ratio * np.abs(forces))
         push: list[Any] = [one * generator.standard_normal(along.shape) for one in (along, across, across)]
         push[len(self.stencils.shape) :] = [0.0] * (3 - len(self.stencils.shape))
-        product, inverse = self.place.multiply(acting.springs, acting.forces), choose()
+        product, inverse = self.place.multiply(stiffness, forces), choose()
 
         def apply(vector: Array) -> Array:
             motion = Motion(vector.reshape(self.balls.shape), 0.0)
@@ -172,7 +173,7 @@ class TrueEquilibrium(Equilibrium):
             curvature = dot(vector, change)
             if curvature < 0.0:
                 moved = self.place.geometry.split(motion)[0]
-                if curvature < -_ROUNDING * sum(float(np.sum(acting.springs * one**2)) for one in moved):
+                if curvature < -_ROUNDING * sum(float(np.sum(stiffness * one**2)) for one in moved):
                     down.append(motion.balls)
             return change
 
@@ -182,11 +183,11 @@ class TrueEquilibrium(Equilibrium):
                 apply, lambda vector: np.ravel(inverse(vector.reshape(self.balls.shape))), right, _PROBED, limit
             )
             taken += more
-            if down or more < limit or (limit < _PROBE_STEPS and self._has_pivots_above_zero(acting)):
+            if down or more < limit or (limit < _PROBE_STEPS and self._has_pivots_above_zero(stiffness, forces)):
                 break
         return (down[0] if down else None), taken
 
-    def _has_pivots_above_zero(self, acting: ActingForces) -> bool:
+    def _has_pivots_above_zero(self, stiffness: Array, forces: Array) -> bool:
         """Return whether factors show that no curvature is below zero.
 
         Elimination without exchange of rows has pivots above zero if the matrix is positive definite, and only then.
@@ -194,15 +195,15 @@ class TrueEquilibrium(Equilibrium):
         from scipy.sparse import diags_array  # imported here: most simulations do not need it
 
         p = len(self.stencils.shape)
-        table = self.place.tabulate_stiffness(acting.springs, acting.forces)
+        table = self.place.tabulate_stiffness(stiffness, forces)
         for axis in range(p):
-            table[axis, axis] += _ROUNDING * acting.springs
+            table[axis, axis] += _ROUNDING * stiffness
         matrix = compose_hessian(self.place.geometry.frame, table)
         # balls that touch no other cost no energy, nor does a motion of all balls: they are held, and one of all
         diagonal = matrix.diagonal().reshape(p, -1)
         held = np.where(diagonal > 0.0, 0.0, 1.0)
         held[:, np.argmax(diagonal[0])] = 1.0
-        factors = factorise(matrix + diags_array(float(np.mean(acting.springs)) * held.ravel()))
+        factors = factorise(matrix + diags_array(float(np.mean(stiffness)) * held.ravel()))
         return bool(np.array_equal(factors.perm_r, factors.perm_c) and np.all(factors.U.diagonal() > 0.0))
 
     def find_elasticity(self, shear: ArrayLike, torsion: ArrayLike = 0.0, bending: float = 0.0) -> Array:
@@ -212,16 +213,16 @@ class TrueEquilibrium(Equilibrium):
         :func:`~granphon.array.linear_response.find_elastic_tensor`.
         """
         if not shear:  # only shear turns balls that are strained: without it twist and roll store nothing
-            return find_elastic_tensor(self.place, self._act_at_rest(), self.stencils)
+            return find_elastic_tensor(self.place, self._act_at_rest(), self.stencils, self.stiffnesses)
         eta = float(np.asarray(shear))
-        return find_exact_elasticity(self, self.ratio, eta, eta, torsion, bending)
+        return find_exact_elasticity(self, eta, eta, torsion, bending)
 
 
 def find_exact_elasticity(
-    state: Equilibrium, ratio: float, eta: float, shear: float | Array, torsion: ArrayLike, bending: float,
+    state: Equilibrium, eta: float, shear: float | Array, torsion: ArrayLike, bending: float,
     shears: Array | None = None, rotations: Array | None = None,
 ) -> Array:  # fmt: skip
-    """Return the elastic tensor of a state at rest in the true geometry, W/d being the ``ratio``, under the forces that act.
+    """Return the elastic tensor of a state at rest in the true geometry, under the forces that act.
 
     Contacts have the mean ratio ``eta`` of the shear stiffness, and their own ``shear``; ``shears`` are their tangential
     forces, and ``rotations`` those of the balls, if there are any. Other arguments are those of
@@ -231,17 +232,15 @@ def find_exact_elasticity(
     carries, twist = normal > 0.0, np.broadcast_to(np.asarray(torsion, float), normal.shape)
     mean = float(np.sum(twist * normal) / np.sum(normal))
     stencils = Stencils(own.shape, eta, own.workers, state.lattice, mean, bending)
-    place = ExactGeometry(stencils, state.deviations, ratio).place(stencils.spread(state.balls, rotations), state.overlap)
-    springs, n, p = stencils.weights(normal), stencils.n_contacts, len(stencils.shape)
-    for first in range(n, n * p, n):
-        springs[first : first + n] = shear * normal
-    tangential = np.zeros((p - 1, *normal.shape)) if shears is None else carries * shears
+    geometry = ExactGeometry(stencils, state.deviations, state.ratio)
+    place = geometry.place(stencils.spread(state.balls, rotations), state.overlap)
+    tangential = np.zeros((len(stencils.shape) - 1, *normal.shape)) if shears is None else carries * shears
 
     def law(loss: Array, slip: Array) -> tuple[Array, Array]:
         return normal * loss, shear * normal * slip
 
-    acting = ActingForces(law, springs, carries * state.forces, tangential, (twist * normal, bending * normal))
-    return find_elastic_tensor(place, acting, stencils)
+    acting = ActingForces(law, carries * state.forces, tangential, (twist * normal, bending * normal))
+    return find_elastic_tensor(place, acting, stencils, stencils.weights(normal, slip=shear))
 
 
 _STILL = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
@@ -414,9 +413,8 @@ class _Path:
         stable = True
         if down is not None:  # with all contacts that touch
             stiffness, none = hertz.stiffness_of(trial.root), np.zeros((0, *trial.root.shape))
-            change, _ = trial.place.respond(
-                Motion(down, 0.0), lambda loss, slip: (stiffness * loss, slip), trial.forces, none
-            )
+            acting = ActingForces(lambda loss, slip: (stiffness * loss, slip), trial.forces, none)
+            change, _ = trial.place.respond(Motion(down, 0.0), acting)
             stable = dot(change, down) >= 0.0
         if down is None or (stable and self._tolerance == _LEAST_TOLERANCE):
             return trial, state

@@ -119,17 +119,13 @@ def cluster_response(
         left = deviations - whole @ deviations
         there = weights[:, None] * np.exp(1j * (q @ middles.T))
         here, at = np.exp(-1j * (q @ middles.T)), np.exp(-1j * (q @ sites.T))
-        for total, symbol in (
-            (response, whole), (squared, whole @ whole.conj().swapaxes(1, 2)), (misfit, left @ left.conj().swapaxes(1, 2)),
+        for total, symbol, columns, phase in (
+            (response, whole, rows, here), (squared, whole @ whole.conj().swapaxes(1, 2), rows, here),
+            (misfit, left @ left.conj().swapaxes(1, 2), rows, here), (influence, left, kind_of, at),
         ):  # fmt: skip
-            for a in kinds:
-                for b in kinds:
-                    where = np.ix_(rows == a, rows == b)
-                    total[where] += ((there[:, rows == a] * symbol[:, a, b, None]).T @ here[:, rows == b]).real
-        for a in kinds:
-            for b in range(lattice.n_balls):
-                where = np.ix_(rows == a, kind_of == b)
-                influence[where] += ((there[:, rows == a] * left[:, a, b, None]).T @ at[:, kind_of == b]).real
+            for kind in kinds:
+                own = rows == kind
+                total[own] += (there[:, own].T @ (symbol[:, kind, columns] * phase)).real
     response, squared, misfit = (0.5 * (whole + whole.T) for whole in (response, squared, misfit))
     middle = np.array([table.i[row] == 0 and not any(cell) for row, cell in contacts])
     other = [(int(table.j[row]), tuple((np.array(cell) + table.shift[row]).tolist())) for row, cell in contacts]

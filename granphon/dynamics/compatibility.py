@@ -309,17 +309,17 @@ class Compatibility:
         gap, total = (root[:, :, None, None] * both for both in (head - tail, head + tail))
         return gap.reshape(*root.shape, self.n_branches), total.reshape(*root.shape, self.n_branches)
 
-    def _make_waves(self, prestress: bool = False, frame: NDArray[Any] | None = None) -> WaveRows:
+    def _make_waves(self, prestress: bool = False) -> WaveRows:
         """Return rows of C(q), real for one ball in the cell; with ``prestress`` those of displacements across contacts."""
         # For a motion z exp(i q.r) a row is cos(half angle) times the difference of the two ends plus i sin(half angle)
         # times their sum. Rotations and rows are divided by i. Then both terms are real for one ball in the cell, because
         # the difference vanishes for a displacement, and the sum for the rotation in a slip. Rows of rotations alone (twist,
         # roll) are divided by i once more.
         rows, root = self._weight_rows(prestress)
-        given = self._frame if frame is None else frame
-        gap, total = self._combine_ends(rows, root, given.real + given.imag)
+        frame = self._wave_frame
+        gap, total = self._combine_ends(rows, root, frame.real + frame.imag)
         of_rows = np.array([-1.0 if row.kind in ("twist", "roll") else -1.0j for row in rows])[:, None, None]
-        phase = of_rows * np.kron(np.where(np.any(given.imag, axis=0), 1.0j, 1.0), self.motions.phases)
+        phase = of_rows * np.kron(np.where(np.any(frame.imag, axis=0), 1.0j, 1.0), self.motions.phases)
         odd, even = 1j * phase * total, phase * gap
         half = 0.5 * self.contacts.vector[:, : self.periods]
         # the arms of a contact differ, or a body that does not move holds the ball, where one ball has complex rows
@@ -414,7 +414,7 @@ class Compatibility:
         The row of an image is plus or minus the complex conjugate of the contact's row. Both are replaced by 2^1/2 times the
         real part and 2^1/2 times the imaginary part of one.
         """
-        waves = self._make_waves(prestress, self._wave_frame)
+        waves = self._make_waves(prestress)
         if self.n_balls == 1 or self._images is None:
             return waves
         _, first, image = self._images

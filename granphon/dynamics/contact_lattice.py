@@ -31,6 +31,7 @@ from granphon.dynamics.compatibility import as_wavevectors
 from granphon.dynamics.large_cells import BYTES, LargeCell
 from granphon.dynamics.linalg import MANY_COLUMNS
 from granphon.dynamics.long_waves import LongWaves
+from granphon.dynamics.rows import find_gyration
 from granphon.networks.network import ContactNetwork
 
 _Found = TypeVar("_Found")
@@ -176,15 +177,14 @@ class ContactLattice(LongWaves):
             for stiffness in (network.bending_stiffness, network.torsion_stiffness)
         )
         load = network.normal_force[kept] / network.distance[kept] / units.stiffness if network.prestress else 0.0
-        masses = network.masses[moving]
         table = ContactTable(
             *map(read_only, (number[i], number[j], shift, normal, vector / units.length)),
             *(read_only(arm / units.length) for arm in arms),
         )  # fmt: skip
         return cls(
             cell / units.length, positions / units.length, table, network.shear_stiffness[kept] / spring,
-            stiffness=spring / units.stiffness, prestress=load, masses=masses / units.mass,
-            gyration=np.sqrt(network.inertias[moving] / masses) / units.length, torsion=twist, bending=roll,
+            stiffness=spring / units.stiffness, prestress=load, masses=network.masses[moving] / units.mass,
+            gyration=find_gyration(network)[moving] / units.length, torsion=twist, bending=roll,
             motions=allowed_motions(dimension)[network.motions], name="of this network",
         )  # fmt: skip
 

@@ -22,13 +22,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import GranphonError, InputError
 from granphon.base.validation import real_array
 from granphon.dynamics.bloch_waves import Couplings
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.dynamics.rows import contact_rows, push_rows
+from granphon.dynamics.rows import network_rows, push_rows
 from granphon.networks.network import ContactNetwork
 
 #: the elimination of layers ends where the coupling that is left, over the largest block, is below this
@@ -108,21 +107,11 @@ class HalfSpace:
         if not reach:
             raise InputError("no contact joins the layers", "Each would have its own waves", "Choose another axis")
         self.cut = cut = network.cut(axis, 4 * reach + 1 + (edge == "clamped"), (edge, "free"))
-        units, moving, spring = self.units, cut.moving, cut.normal_stiffness
-        self.motions: Motions = select_motions(
-            cut.shear_stiffness, cut.torsion_stiffness, cut.bending_stiffness, allowed_motions(d)[cut.motions]
-        )
+        units, moving, self.motions = self.units, cut.moving, cut.ball_motions
         self.per_layer = int(np.count_nonzero(network.moving))
         self.size = reach * self.per_layer * self.motions.count
-        masses, inertias = np.where(moving, cut.masses, 1.0), np.where(moving, cut.inertias, 0.0)
-        gyration = np.where(moving, np.sqrt(inertias / masses) / units.length, 1.0)
-        ratios = (one / (spring * units.length**2) for one in (cut.torsion_stiffness, cut.bending_stiffness))
-        rows = contact_rows(
-            cut.normal[:, :d], cut.arm_i / units.length, cut.arm_j / units.length, self.motions,
-            slip=cut.shear_stiffness / spring, **dict(zip(("twist", "roll"), ratios, strict=True)),
-            gyration_i=gyration[cut.i], gyration_j=gyration[cut.j],
-        )  # fmt: skip
-        stiff = [row.stiffness * spring / units.stiffness for row in rows]
+        rows = network_rows(cut)
+        stiff = [row.stiffness / units.stiffness for row in rows]
         if cut.prestress:
             if cut.tangential_force is not None and np.any(cut.tangential_force):
                 raise InputError("the network has static tangential forces", "With prestress, they have no potential")
@@ -144,7 +133,7 @@ class HalfSpace:
                 matrix[at, place, np.arange(len(kept)), number[ball]] += part[kept] * root[ball][:, None]
         columns = 3 * self.size // count
         self._matrix: Array = matrix[:, :, :, :columns].reshape(len(steps), -1, 3 * self.size)
-        self._stiff: Array = np.concatenate([np.broadcast_to(one, len(spring))[kept] for one in stiff])
+        self._stiff: Array = np.concatenate([one[kept] for one in stiff])
         upper = np.maximum(number[cut.i], number[cut.j]) // (reach * self.per_layer)
         self._whole, self._crossing = (
             np.tile(one[kept], len(rows))

@@ -47,6 +47,23 @@ def voigt_names(periods: int) -> tuple[str, ...]:
     return tuple("xyz"[a] + "xyz"[b] for a, b in _VOIGT[periods])
 
 
+def _take_voigt(c: Array) -> Array:
+    """Return c_ijkl (..., p, p, p, p), made symmetric in i, j and in k, l, as (..., n, n) in Voigt order."""
+    c = 0.5 * (c + c.swapaxes(-4, -3))
+    c = 0.5 * (c + c.swapaxes(-2, -1))
+    i, j = np.transpose(_VOIGT[c.shape[-1]])
+    return np.asarray(c[..., i[:, None], j[:, None], i[None, :], j[None, :]])
+
+
+def find_stress_part(stress: Array) -> Array:
+    """Return what a Cauchy stress (..., p, p) adds to the second derivatives of the energy by strain, (..., n, n).
+
+    The sums are the coefficients between stress and strain (F. Birch, Phys. Rev. 71, 809, 1947).
+    """
+    one = np.eye(stress.shape[-1])
+    return _take_voigt(np.einsum("...ik,jl->...ijkl", stress, one) - np.einsum("...ij,kl->...ijkl", stress, one))
+
+
 class LongWaves(Compatibility):
     """Elastic moduli and sound velocities of balls in contact on a periodic lattice, in reduced units."""
 
@@ -395,15 +412,8 @@ class LongWaves(Compatibility):
         c = self.gradient_stiffness(prestress)[..., own, :, :, :][..., own, :] / self.measure
         if prestress is not None or self.is_prestressed:
             each, push = self._find_load(prestress)
-            stress, one = -each * push[3] / self.measure, np.eye(p)
-            half = [np.einsum(f"...{way}->...ijkl", stress, one) for way in ("ik,jl", "il,jk", "jk,il")]
-            c = c + 0.5 * sum(half) - 0.5 * np.einsum("...jl,ik->...ijkl", stress, one)
-            c = c - np.einsum("...ij,kl->...ijkl", stress, one)
-        # c_ijkl, made symmetric, in Voigt order
-        c = 0.5 * (c + c.swapaxes(-4, -3))
-        c = 0.5 * (c + c.swapaxes(-2, -1))
-        i, j = np.transpose(_VOIGT[self.periods])
-        return np.asarray(c[..., i[:, None], j[:, None], i[None, :], j[None, :]])
+            return _take_voigt(c) + find_stress_part(-each * push[3] / self.measure)
+        return _take_voigt(c)
 
     @cached_property
     def is_isotropic(self) -> bool:

@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.contact_table import contact_frames
 from granphon.balls.motions import Motions
 from granphon.base.arrays import Array
+from granphon.networks.network import ContactNetwork
 
 #: half angle below which sin h - h cos h is summed as a series
 _SERIES = 1.0
@@ -93,6 +94,21 @@ def contact_rows(
     )  # fmt: skip
 
 
+def find_gyration(network: ContactNetwork) -> Array:
+    """Return (n,) radii of gyration R_g of the balls of a network, m; one of bodies that do not move."""
+    return np.sqrt(np.divide(network.inertias, network.masses, out=np.ones(network.n_balls), where=network.moving))
+
+
+def network_rows(network: ContactNetwork) -> list[Row]:
+    """Return the deformations of the contacts of a network by u and w = R_g phi of its balls; their stiffness is in N/m."""
+    gyration = find_gyration(network)
+    return contact_rows(
+        network.normal[:, : network.dimension], network.arm_i, network.arm_j, network.ball_motions,
+        elongation=network.normal_stiffness, slip=network.shear_stiffness, twist=network.torsion_stiffness,
+        roll=network.bending_stiffness, gyration_i=gyration[network.i], gyration_j=gyration[network.j],
+    )  # fmt: skip
+
+
 def push_rows(normal: Array, motions: Motions) -> list[Row]:
     """Return the displacements of ball j relative to ball i along the tangents of each contact; prestress acts on these."""
     _, t, b = contact_frames(normal)
@@ -100,11 +116,8 @@ def push_rows(normal: Array, motions: Motions) -> list[Row]:
     return _keep_resisted([("push", 1.0, axis, none, 1.0, 1.0) for axis in (t, b)], motions)
 
 
-def carry_rows(
-    normal: Array, force: Array, distance: Array, arm_i: Array, arm_j: Array, motions: Motions, gyration_i: Array,
-    gyration_j: Array,
-) -> list[tuple[Row, Row]]:  # fmt: skip
-    """Return the stiffness that static forces T = ``force`` (n_c, d) across contacts have: the sum of pull^T move.
+def carry_rows(network: ContactNetwork, force: Array) -> list[tuple[Row, Row]]:
+    """Return the stiffness that static forces T = ``force`` (n_c, 3) across contacts have: the sum of pull^T move.
 
     T, with which ball i acts on ball j, stays across the normal, and its lever arms change by half of the elongation e:
 
@@ -113,21 +126,21 @@ def carry_rows(
     where v is the displacement across the contact and r the ``distance``; and dM_j, with its own arm, likewise. That has no
     potential: the sum is not symmetric. T does not turn about n with the balls.
     """
-    n, across = (np.zeros((len(normal), 3)) for _ in range(2))
-    n[:, : normal.shape[1]], across[:, : force.shape[1]] = normal, force
-    beside = np.cross(n, across)
-    one_i, one_j = 1.0 / gyration_i, 1.0 / gyration_j
+    n, motions, gyration = network.normal, network.ball_motions, find_gyration(network)
+    beside = np.cross(n, force)
+    one_i, one_j = 1.0 / gyration[network.i], 1.0 / gyration[network.j]
     none = list(np.zeros((3, len(n))))
 
     def push(vector: Array) -> Row:
-        return _make_row("push", 1.0, list((vector / distance[:, None]).T), none, one_j, one_i, motions)
+        return _make_row("push", 1.0, list((vector / network.distance[:, None]).T), none, one_j, one_i, motions)
 
     def turn(vector: Array, at_j: Array, at_i: Array) -> Row:
         return _make_row("turn", 1.0, none, list(vector.T), at_j * one_j, -at_i * one_i, motions)
 
     along, unit = _make_row("elongation", 1.0, list(n.T), none, one_j, one_i, motions), np.ones(len(n))
     # v x T is along n
-    return [(along, push(across)), (turn(n, arm_j, arm_i), push(-beside)), (turn(0.5 * beside, unit, unit), along)]
+    turned = turn(n, network.arm_j, network.arm_i), push(-beside)
+    return [(along, push(force)), turned, (turn(0.5 * beside, unit, unit), along)]
 
 
 def weigh_rows(rows: Sequence[Row], weights: NDArray[Any]) -> NDArray[Any]:

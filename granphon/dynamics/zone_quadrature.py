@@ -41,19 +41,8 @@ class Operation(NamedTuple):
         return Operation(order, signs)
 
 
-class _Simplex(NamedTuple):
-    """A part of the zone: all q = corner/2 + s/4 with s along ``signs``, largest in coordinate ``order[0]``, and so on."""
-
-    corner: tuple[int, ...]
-    order: tuple[int, ...]
-    signs: tuple[int, ...]
-
-    def turn(self, operation: Operation) -> _Simplex:
-        """Return the image of the simplex."""
-        where = operation.order
-        order = tuple(where.index(axis) for axis in self.order)
-        signs = tuple(sign * self.signs[axis] for sign, axis in zip(operation.signs, where, strict=True))
-        return _Simplex(tuple(self.corner[axis] for axis in where), order, signs)
+#: a part of the zone, by its corner and the operation that turns s_1 > s_2 > ... > 0 into its sides: corner/2 + s/4
+_Simplex = tuple[tuple[int, ...], Operation]
 
 
 def shortest_vectors(reciprocal: Array) -> Array:
@@ -102,15 +91,12 @@ def _list_operations(periods: int) -> list[Operation]:
 @lru_cache(maxsize=64)
 def _take_one_of_each(symmetries: tuple[Operation, ...], periods: int) -> list[tuple[_Simplex, int]]:
     """Return one simplex of each set of simplices that the symmetries turn into each other, and the size of the set."""
-    left = {
-        _Simplex(corner, *one): None
-        for corner in itertools.product((0, 1), repeat=periods)
-        for one in _list_operations(periods)
-    }
+    corners = itertools.product((0, 1), repeat=periods)
+    left: dict[_Simplex, None] = dict.fromkeys(itertools.product(corners, _list_operations(periods)))
     found = []
     while left:
-        first = next(iter(left))
-        images = {first.turn(one) for one in symmetries}
+        corner, sides = first = next(iter(left))
+        images = {(tuple(corner[axis] for axis in one.order), one.after(sides)) for one in symmetries}
         for one in images:
             del left[one]
         found.append((first, len(images)))
@@ -136,12 +122,10 @@ def divide_zone(
         np.stack(np.meshgrid(*[0.5 * values] * periods, indexing="ij"), axis=-1).reshape(-1, periods) + start
         for values, start in zip(np.polynomial.legendre.leggauss(order), (0.5, 0.0), strict=True)
     )
-    away = np.cumprod(cube, axis=1)  # distances from the corner along the axes, in the order of the simplex
+    away = np.cumprod(cube, axis=1)  # distances from the corner along the axes, in descending order
     weights = np.prod(gauss, axis=1) * np.prod(away[:, :-1], axis=1)
-    for simplex, count in _take_one_of_each(tuple(symmetries), periods):
-        fractions = np.empty_like(away)
-        fractions[:, simplex.order] = away
-        fractions = 0.5 * np.array(simplex.corner) + 0.25 * np.array(simplex.signs) * fractions
+    for (corner, sides), count in _take_one_of_each(tuple(symmetries), periods):
+        fractions = 0.5 * np.array(corner) + 0.25 * away[:, sides.order] * sides.signs
         yield fractions @ basis, weights * (count / 4.0**periods)
 
 

@@ -32,7 +32,7 @@ from scipy.sparse.linalg import LinearOperator
 from granphon.array.contact_operator import ContactHessian, ContactOperator
 from granphon.base.arrays import Array, Complex
 from granphon.base.errors import InputError, message
-from granphon.dynamics.rows import Row, carry_rows, contact_rows, push_rows, weigh_rows
+from granphon.dynamics.rows import Row, carry_rows, network_rows, push_rows, weigh_rows
 from granphon.networks.network import ContactNetwork
 
 if TYPE_CHECKING:
@@ -138,20 +138,9 @@ class WaveOperator(LinearOperator[np.float64]):
         return matrix
 
     @cached_property
-    def _gyration(self) -> Array:
-        """(n,) radii of gyration, m; one of balls that do not move."""
-        network = self.network
-        return np.sqrt(np.divide(network.inertias, network.masses, out=np.ones(network.n_balls), where=network.moving))
-
-    @cached_property
     def rows(self) -> list[Row]:
         """Deformations of the contacts, as coefficients of u and w of their balls; their stiffness is in N/m."""
-        network, of_ball = self.network, self._gyration
-        rows = contact_rows(
-            network.normal[:, : network.dimension], network.arm_i, network.arm_j, self.motions,
-            elongation=network.normal_stiffness, slip=network.shear_stiffness, twist=network.torsion_stiffness,
-            roll=network.bending_stiffness, gyration_i=of_ball[network.i], gyration_j=of_ball[network.j],
-        )  # fmt: skip
+        rows = network_rows(self.network)
         if not rows:
             raise InputError(f"the motions {self.motions.name!r} deform no contact of this network")
         return rows
@@ -237,14 +226,10 @@ class WaveOperator(LinearOperator[np.float64]):
     @cached_property
     def _pairs(self) -> tuple[tuple[list[Row], list[Array]], ...]:
         """The two sets of rows of which static tangential forces make G; none if no such forces act."""
-        network, of_ball = self.network, self._gyration
-        force = network.tangential_force
+        network, force = self.network, self.network.tangential_force
         if not network.prestress or force is None or not np.any(force):
             return ()
-        pairs = carry_rows(
-            network.normal, force, network.distance, network.arm_i, network.arm_j, self.motions, of_ball[network.i],
-            of_ball[network.j],
-        )  # fmt: skip
+        pairs = carry_rows(network, force)
         return tuple((list(rows), [np.ones(network.n_contacts)] * len(pairs)) for rows in zip(*pairs, strict=True))
 
     @cached_property

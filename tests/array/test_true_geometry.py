@@ -15,7 +15,7 @@ from scipy.integrate import simpson
 import granphon as gp
 from granphon.array import linear_response
 from granphon.array.equilibrium import equilibrate
-from granphon.array.geometry import ExactGeometry, LatticeGeometry, ReducedLoad
+from granphon.array.geometry import ActingForces, ExactGeometry, LatticeGeometry, ReducedLoad
 from granphon.array.history import LoadingHistory
 from granphon.array.load_step import BALANCE_TOLERANCE
 from granphon.array.pressed_sample import PressedEquilibrium
@@ -203,7 +203,7 @@ def test_the_linear_operator_is_the_derivative(lattice, shape):
         seen.append((loss, slip))
         return np.zeros_like(loss), np.zeros_like(slip)
 
-    pull, push = place.respond(way, law, forces, shears)
+    pull, push = place.respond(way, ActingForces(law, forces, shears))
     ahead, behind = (
         geometry.place(place.balls + sign * step * way.balls, 0.3 + sign * step * way.compression) for sign in (1.0, -1.0)
     )
@@ -220,7 +220,7 @@ def test_the_linear_operator_is_the_derivative(lattice, shape):
 def test_forces_do_the_work_of_overlaps_and_slips(lattice, shape):
     _, place, forces, shears, rng = some_place(lattice, shape, 0.05)
     motion, kept = Motion(rng.normal(size=place.balls.shape), 0.7), []
-    place.respond(motion, lambda loss, slip: kept.append((loss, slip)) or (loss, slip), forces, shears)
+    place.respond(motion, ActingForces(lambda loss, slip: kept.append((loss, slip)) or (loss, slip), forces, shears))
     ((loss, slip),) = kept
     work = np.sum(place.pull(forces, shears) * motion.balls) - 0.7 * forces.size * place.press(forces, shears)
     assert work == pytest.approx(np.sum(forces * loss) - np.sum(shears * slip), rel=1e-12)
@@ -341,8 +341,8 @@ def hessian(state):
     """Second derivatives of the energy by the motions of balls, of the contacts that carry load."""
     law, none = (lambda loss, slip: (state.stiffnesses * loss, slip)), np.zeros((0, *state.forces.shape))
     carried = np.where(state.stiffnesses > 0.0, state.forces, 0.0)
-    units = np.eye(state.balls.size).reshape(-1, *state.balls.shape)
-    return np.array([np.ravel(state.place.respond(Motion(one, 0.0), law, carried, none)[0]) for one in units])
+    units, acting = np.eye(state.balls.size).reshape(-1, *state.balls.shape), ActingForces(law, carried, none)
+    return np.array([np.ravel(state.place.respond(Motion(one, 0.0), acting)[0]) for one in units])
 
 
 @pytest.mark.claim("friction-minimum")

@@ -384,6 +384,18 @@ def test_evenly_and_unevenly_damped_bands_are_one_where_they_meet():
     assert np.min(np.abs(waves.frequencies[:, None] - even.frequencies[2]), axis=0) == pytest.approx(0.0, abs=1e-6 * HERTZ)
 
 
+@pytest.mark.parametrize(("name", "count"), [("honeycomb", 18), ("hcp", 90)])
+def test_uneven_damping_where_balls_are_images_of_others(name, count):
+    network = ideal(name, 0.7)
+    periods = int(np.count_nonzero(network.pbc))
+    loss = {"damping": (0.02 / OMEGA, 0.1 / OMEGA), "loss_factor": (0.01, 0.2)}
+    bands = gp.Phonons(network).damped([[0.5] * periods], **loss).frequencies[0]
+    whole = network.repeat((2,) * periods)
+    every = gp.Waves(whole).damped_modes(count, **loss).frequencies  # all that cost energy
+    cost = bands[np.abs(bands) > 1e-6 * HERTZ]
+    assert np.max(np.min(np.abs(every[:, None] - cost), axis=0)) < 1e-7 * HERTZ
+
+
 def test_reciprocity_power_and_the_sum_of_modes(strip):
     c, hertz = (0.1 / OMEGA, 0.3 / OMEGA), np.linspace(0.1, 3.0, 12) * HERTZ
     waves = gp.Waves(strip)
