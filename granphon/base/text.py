@@ -429,6 +429,11 @@ def suggest(word: str, options: Iterable[str]) -> str:
     return f"Did you mean {meant}?" if meant else "Use " + ", ".join(options)
 
 
+def spell(name: str) -> str:
+    """The words of a name, such as "Young modulus" of "young_modulus"."""
+    return name.replace("_", " ").replace("young", "Young").replace("poisson", "Poisson")
+
+
 def counted(number: int, one: str, many: str = "") -> str:
     """A number of things in words: "1 ball", "2 balls"; ``many`` is the plural if it is more than an s."""
     return f"{number} {one if number == 1 else many or one + 's'}"

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from granphon.base.errors import InputError, one_line
 from granphon.base.scales import write_quantity, write_uncertain
-from granphon.base.text import counted
+from granphon.base.text import counted, spell
 
 if TYPE_CHECKING:
     from granphon.fits.fit import WidthFit
@@ -187,7 +187,7 @@ def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
 
     rows = []
     for name, value, error in zip(fit.parameters, fit.values.tolist(), fit.stderrs.tolist(), strict=True):
-        rows.append((name.replace("_", " "), _write_valued(value, error, PARAMETERS[name] or "")))
+        rows.append((spell(name), _write_valued(value, error, PARAMETERS[name] or "")))
         if name == "width":
             rows.append(("standard deviation", _write_valued(fit.std, fit.std_stderr, "m")))
     source = "given" if fit.sigma_given else f"from the scatter, {fit.dof} degrees of freedom"

@@ -32,7 +32,7 @@ from matplotlib.lines import Line2D
 
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
-from granphon.base.scales import HertzPrefix
+from granphon.base.scales import HertzPrefix, prefixed, write_quantity
 from granphon.figures.bands import name_corners
 from granphon.figures.curves import describe_lines
 from granphon.figures.style import (
@@ -364,16 +364,16 @@ def choose_states(dataset: Dataset, name: str, what: str) -> tuple[list[tuple[An
 def plot_seismogram(pulse: Pulse, ax: Axes, balls: int = 6) -> Axes:
     """Draw the burst that was sent, the coherent signal, and the signals of some single balls, one above the other.
 
-    Means over further planes are drawn too, if the pulse has them. Each trace is over time, ms; those of balls and of means
-    are in proportion to the greatest signal. A mark shows the time of flight by the envelope, if it
-    can be read.
+    Means over further planes are drawn too, if the pulse has them. Each trace is over time; those of balls and of means
+    are in proportion to the greatest signal. A mark shows the time of flight by the envelope, if it can be read.
     """
-    t = 1e3 * pulse.times
+    seconds, unit = prefixed(float(pulse.times[-1]), "s")
+    t = pulse.times / seconds
     most = float(np.max(np.abs(pulse.signals)))
     chosen = pick_evenly(len(pulse.signals), balls)
     traces = [("sent", pulse.sent / np.max(np.abs(pulse.sent)), GUIDE), ("mean", pulse.coherent / most, BLUE)]
     traces += [
-        (f"at {1e3 * distance:.3g} mm", trace / most, BLUE)
+        (f"at {write_quantity(distance, 'm', 3)}", trace / most, BLUE)
         for distance, trace in zip(pulse.plane_distances, pulse.planes, strict=True)
     ]
     traces += [(f"ball {pulse.receivers[n]}", pulse.signals[n] / most, VERMILION) for n in chosen]
@@ -384,10 +384,10 @@ def plot_seismogram(pulse: Pulse, ax: Axes, balls: int = 6) -> Axes:
     told = ": its arrival is not known"
     if not pulse.why_unknown:
         time = pulse.time_of_flight
-        ax.axvline(1e3 * (time + 0.5 * pulse.cycles / pulse.frequency), color="black", linewidth=0.6, dashes=(3, 2))
-        told = f" in {1e3 * time:.4g} ms: {pulse.distance / time:.4g} m/s"
-    ax.set(xlabel="Time (ms)", xlim=t[[0, -1]], ylim=(-len(traces) + 0.4, 0.6))
-    ax.set_title(f"{1e3 * pulse.distance:.4g} mm{told}")
+        ax.axvline((time + 0.5 * pulse.cycles / pulse.frequency) / seconds, color="black", linewidth=0.6, dashes=(3, 2))
+        told = f" in {time / seconds:.4g} {unit}: {pulse.distance / time:.4g} m/s"
+    ax.set(xlabel=f"Time ({unit})".replace("u", "µ"), xlim=t[[0, -1]], ylim=(-len(traces) + 0.4, 0.6))
+    ax.set_title(f"{write_quantity(pulse.distance, 'm', 4)}{told}".replace("u", "µ"))
     return ax
 
 
@@ -397,10 +397,11 @@ def pulse_figure(pulse: Pulse) -> Figure:
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.9, 1.0])
         plot_seismogram(pulse, above)
         above.tick_params(axis="x", labelbottom=True)
-        t, size = 1e3 * pulse.times, 1e6
-        below.plot(t, size * pulse.envelope, color=BLUE, linewidth=1.0, label="coherent, envelope")
-        below.plot(t, size * pulse.speckle_amplitude, color=VERMILION, linewidth=1.0, label="speckle, rms")
-        below.set(xlabel="Time (ms)", ylabel="Velocity (µm/s)", ylim=(0.0, None))
+        size, unit = prefixed(float(max(pulse.envelope.max(), pulse.speckle_amplitude.max())), "m/s")
+        t = above.lines[0].get_xdata()
+        below.plot(t, pulse.envelope / size, color=BLUE, linewidth=1.0, label="coherent, envelope")
+        below.plot(t, pulse.speckle_amplitude / size, color=VERMILION, linewidth=1.0, label="speckle, rms")
+        below.set(xlabel=above.get_xlabel(), ylabel=f"Velocity ({unit})".replace("u", "µ"), ylim=(0.0, None))
         # above the panel: within it the two curves leave no place that is always free
         below.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, borderaxespad=0.2)
     return figure

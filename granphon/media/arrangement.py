@@ -22,7 +22,7 @@ from granphon.balls.motions import Motions
 from granphon.balls.packing import Packing, given_packing
 from granphon.balls.parameters import KIND_PARAMETERS
 from granphon.base.errors import InputError
-from granphon.base.text import closest, counted
+from granphon.base.text import closest, counted, spell
 from granphon.media.crystal import Crystal, CrystalState
 from granphon.media.medium import Medium
 from granphon.media.state import NetworkState
@@ -208,7 +208,9 @@ class Arrangement:
             own, unit = ball.material, {"young_modulus": "Pa", "density": "kg/m^3", "yield_strength": "Pa"}
             told = {key: value for key, value in vars(own).items() if value is not None}
             rows += [(f"diameter of {name}", ball.diameter, "m"), (f"mass of {name}", ball.mass, "kg")]
-            rows += [(f"{key.replace('_', ' ')} of {name}", value, unit.get(key, "")) for key, value in told.items()]
+            if (spread := ball.spread) is not None:
+                rows += [(f"spread of {name}", type(spread).__name__.lower(), ""), (f"width of {name}", spread.width, "m")]
+            rows += [(f"{spell(key)} of {name}", value, unit.get(key, "")) for key, value in told.items()]
         counts = [np.count_nonzero(crystal.kind == number) for number in range(len(crystal.kinds))]
         balls = ", ".join(f"{count} {name}" for count, name in zip(counts, crystal.names, strict=True))
         law = "of each pair" if isinstance(self.law, tuple) else type(self.law).__name__

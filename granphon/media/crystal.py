@@ -241,7 +241,7 @@ class Crystal(Result):
         if len(given) > structure.n_balls or structure.n_balls % len(given):
             sites = counted(structure.n_balls, "site")
             what = f"{counted(len(given), 'kind')} of balls do not go on the {sites} in a cell of {structure.name}"
-            mend = "Give a lattice that has a multiple, such as NaCl or CsCl for two kinds, or cell and positions"
+            mend = "Give a lattice that has a multiple, such as NaCl or CsCl for two kinds, or a cell and places"
             raise InputError(what, "Kinds follow each other on the sites of one cell", mend)
         balls_on = [given[site % len(given)] for site in range(structure.n_balls)]
         radii, table = np.array([ball.radius for ball in balls_on]), structure.contacts
@@ -252,7 +252,7 @@ class Crystal(Result):
             pairs = [f"those of sites {table.i[at]} and {table.j[at]} at {apart[at]:.6g} m" for at in (low, high)]
             said = f"Centres would be apart: {pairs[0]}, {pairs[1]}"
             what = f"balls of these sizes cannot all touch on the {structure.name} lattice"
-            raise InputError(what, said, "Give balls of one size, or cell and positions at which they touch")
+            raise InputError(what, said, "Give balls of one size, or a cell and places at which they touch")
         cell = scale * structure.vectors
         if len(given) == structure.n_balls == 2:
             # the larger of two balls must not touch each other before they touch the smaller

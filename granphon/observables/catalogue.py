@@ -19,6 +19,7 @@ from granphon.balls.parameters import PARAMETERS
 from granphon.base.errors import InputError, brief, one_line
 from granphon.base.quantities import is_si
 from granphon.base.registry import Registry
+from granphon.base.text import spell
 from granphon.base.validation import choice, require
 from granphon.media.arrangement import Balls
 from granphon.media.simulation import SimulatedState
@@ -421,8 +422,6 @@ def _is_free(name: str) -> bool:
     return name.isidentifier() and name not in taken | {"load", "medium", "gaps", "response", "motion"}
 
 
-#: what parameters are called of a kind of ball
-_OF_KINDS = {"diameter": "diameter", "mass": "mass", "density": "density", "young_modulus": "Young modulus"}
 #: words of titles and meanings that belong to the plane, with those in their place on a line and in space
 _WORDS = {
     "force per length of boundary": ("force along the line", "force per area of boundary"),
@@ -440,8 +439,8 @@ def entry_of(name: str, packing: Balls) -> Observable:
     kind, _, own = name.rpartition(".")
     entry, periods = CATALOGUE[own], packing.structure.periods
     if kind:
-        title = f"{_OF_KINDS.get(own, entry.title)} of {kind}"
-        return replace(entry, name=name, title=title, meaning=title, label=title.capitalize())
+        title = f"{spell(own)} of {kind}"
+        return replace(entry, name=name, title=title, meaning=title, label=title[0].upper() + title[1:])
     if periods == 2 or not entry.per_dimension:
         return entry
     title, meaning = entry.title, entry.meaning

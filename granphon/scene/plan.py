@@ -25,7 +25,7 @@ from granphon.base.errors import GranphonError, InputError, MechanismError, Refu
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import LENGTH, find_load_unit
 from granphon.base.tables import Heading, table_text
-from granphon.base.text import MOST_SCENE_BYTES, dump_yaml
+from granphon.base.text import MOST_SCENE_BYTES, dump_yaml, spell
 from granphon.base.validation import read_inside, require
 from granphon.media import cost as costs
 from granphon.media.arrangement import Arrangement
@@ -263,7 +263,7 @@ class Plan:
             ("components", load.tensor, "of that"), ("balls per side", load.balls_per_side, ""),
             ("gravity", load.gravity, "m/s^2"),
             ("medium", media + ["the same for equal balls"] * (len(media) > 1 and not self.balls_differ), ""),
-            *((f"sweep of {name.replace('_', ' ')}", values, find_unit(name) or "") for name, values in self.parameters),
+            *((f"sweep of {spell(name)}", values, find_unit(name) or "") for name, values in self.parameters),
             ("finite overlap", self.finite_overlap, ""), ("observe", self.observe, ""),
             *(("direction", one, "") for one in self.directions[:4]),
         ]  # fmt: skip

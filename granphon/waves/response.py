@@ -318,6 +318,10 @@ class _Places:
                 "Give a body of infinite mass" if held else "Ask for the transmissibility, to move it" * (name == "source")
             )
             raise InputError(what, why, mend)
+        ends = np.stack([network.i, network.j])
+        if held and not np.any(np.isin(ends, every) & network.moving[ends[::-1]]):
+            what, mend = f"the {name} touches no ball that moves", "Give those balls of the wall that touch others"
+            raise InputError(what, "Nothing moves when it does", mend)
         return every, np.concatenate(vectors)
 
     def _read_direction(self, given: Any) -> Array:

@@ -863,7 +863,7 @@ def test_side_forces_and_times_of_flight(folder, capsys):
     assert command("frame.yaml", "flight.csv", *columns, "--distance", "43 cm", "--parameter", "young_modulus") == 0
     printed = capsys.readouterr().out
     assert "2.04 um" in printed
-    assert "young modulus         211.65 GPa" in printed
+    assert "Young modulus         211.65 GPa" in printed
     assert list(folder.glob("*.png")) == []
 
 

@@ -746,7 +746,7 @@ def test_the_command_line_fits_a_crystal(tmp_path, monkeypatch, capsys, steel):
     asked = ["--no-width", "--parameter", "young_modulus", "--sigma", "1 m/s", "--branch", "transverse_slow"]
     assert main(["fit", "s.yaml", "data.csv", *asked, "--direction", "1 1 0", "-o", "out"]) == 0
     out = capsys.readouterr().out
-    assert "young modulus         211.65 +/- 0.57 GPa" in out
+    assert "Young modulus         211.65 +/- 0.57 GPa" in out
     assert "width" not in out
     assert {"fit.yaml", "fit.csv", "fit.png"} <= {path.name for path in Path("out").iterdir()}
     assert main(["fit", "s.yaml", "data.csv", *asked, "--direction", "up"]) == 2
@@ -772,7 +772,7 @@ def test_a_fit_takes_the_direction_of_its_scene(tmp_path, monkeypatch, capsys, s
     code, out, err = fit("direction: [2, 0, 0]")
     assert code == 0
     assert "depends on the direction" not in err
-    assert "young modulus         211.65 GPa" in out
+    assert "Young modulus         211.65 GPa" in out
     assert "direction             (1, 0, 0)" in out
     code, out, err = fit("")
     assert code == 0

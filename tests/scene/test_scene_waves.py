@@ -85,7 +85,8 @@ def test_both_axes_of_a_pulse_have_numbers_and_labels(done):
     figure = done[1].figure("pulse.png")
     figure.draw_without_rendering()
     for axes in figure.axes:
-        assert axes.get_xlabel() == "Time (ms)"
+        assert axes.get_xlabel() == "Time (µs)"
+        assert axes.get_ylabel() in ("", "Velocity (mm/s)")
         assert any(label.get_visible() and label.get_text() for label in axes.get_xticklabels())
 
 

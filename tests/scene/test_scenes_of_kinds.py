@@ -15,6 +15,7 @@ import granphon as gp
 from granphon.base.errors import GranphonError, InputError, SceneError
 from granphon.cli.commands import main
 from granphon.media.arrangement import Arrangement
+from granphon.observables.catalogue import entry_of
 from granphon.runs.dataset import load_sweep
 
 STEEL, ALUMINIUM = gp.Material(193e9, 0.30, 8000.0), gp.Material(73.5e9, 0.33, 2700.0)
@@ -70,6 +71,9 @@ def test_what_a_sweep_finds_is_what_states_have(tmp_path):
     assert np.array_equal(read["longitudinal"], data["longitudinal"])
     assert read["A.diameter"].attrs["units"] == "m"
     assert "of A" in read["A.diameter"].attrs["long_name"]
+    entry = entry_of("A.poisson_ratio", scene.packing)
+    assert (entry.title, entry.label) == ("Poisson ratio of A", "Poisson ratio of A")
+    assert ("sweep of S.density", (8000.0, 7000.0), "kg/m^3") in scene.describe()
 
 
 def test_sweeps_in_python_take_crystals():
@@ -165,6 +169,8 @@ load: {pressure: 20 kN/m}
 """
     )
     scene = gp.Scene.from_text(text)
+    rows = [("spread of S", "uniform", ""), ("width of S", 1e-6, "m"), ("Young modulus of S", 193e9, "Pa")]
+    assert set(rows) <= set(scene.packing.describe())
     ball = replace(balls()[1], spread=gp.Uniform(1e-6))
     right = gp.Crystal.on("triangular", [ball]).sample((6, 6), 3).at_pressure(2e4)
     assert scene.state().source.normal_force == pytest.approx(right.normal_force, rel=1e-13)

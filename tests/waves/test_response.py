@@ -512,6 +512,11 @@ def test_other_calls_refuse_what_they_cannot_find():
         gp.Phonons(ideal("chain", 0.0)).damped([[0.1]], damping=-1.0)
     with pytest.raises(InputError, match="no body of this network is held"):
         gp.Waves(chain(6)).response([1.0], "plane", (5, "x"), quantity="transmissibility")
+    # the outer plane of a wall of two planes touches the inner one alone
+    ball = gp.Ball(gp.Material(70e9, 0.2, 2500.0), 1e-3)
+    slab = gp.Crystal.on("NaCl", [ball, ball]).at_force(1.0).network.cut(2, 5, "clamped")
+    with pytest.raises(InputError, match="the source touches no ball that moves"):
+        gp.Waves(slab).response([1e3], "plane", "plane", quantity="transmissibility")
     with pytest.raises(InputError, match="the receiving plane has no distance"):
         gp.Waves(ideal("chain", 0.0).repeat((6,))).response([1.0], "plane", "plane")
     # a chain that nothing holds answers a steady force without bound
