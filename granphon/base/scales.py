@@ -50,10 +50,10 @@ def write_quantity(value: float, unit: str, digits: int = 5) -> str:
     """Text of a value in the SI unit ``unit``, with some ``digits`` and a decimal prefix, such as "8 mm"."""
     rounded = float(f"{value:.{digits}g}")  # 999.6 um are 1 mm, in three digits
     size, name = prefixed(rounded, unit)
-    return f"{rounded / size:.{digits}g}{_end(name)}"
+    return f"{rounded / size:.{digits}g}{write_unit(name)}"
 
 
-def _end(unit: str) -> str:
+def write_unit(unit: str) -> str:
     """The end of the text of a quantity: "1" is not written."""
     return "" if unit in ("", "1") else f" {unit}"
 
@@ -67,7 +67,7 @@ def write_uncertain(value: float, error: float, unit: str) -> str:
     if not 1e-6 * abs(value) < error:
         return f"{write_quantity(value, unit)} +/- {write_quantity(error, unit, 2)}"
     places = max(1 - math.floor(math.log10(error / size)), 0)
-    return f"{value / size:.{places}f} +/- {error / size:.{places}f}{_end(name)}"
+    return f"{value / size:.{places}f} +/- {error / size:.{places}f}{write_unit(name)}"
 
 
 @dataclass(frozen=True)

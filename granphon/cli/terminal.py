@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from granphon.base.errors import InputError, one_line
-from granphon.base.scales import write_quantity, write_uncertain
+from granphon.base.scales import write_quantity, write_uncertain, write_unit
 from granphon.base.text import counted, spell
 
 if TYPE_CHECKING:
@@ -114,7 +114,7 @@ def _write(value: Any, unit: str) -> str:
         return write_range(value, unit)
     from granphon.base.results import describe_value  # with numpy, which the help of a command does not need
 
-    return f"{describe_value(value)} {unit.removeprefix('1')}".rstrip()
+    return f"{describe_value(value)}{write_unit(unit)}"
 
 
 def describe_scene(scene: Scene) -> list[tuple[str, str]]:

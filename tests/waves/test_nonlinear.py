@@ -257,7 +257,7 @@ def test_the_energy_does_not_drift():
 
 @pytest.mark.exhaustive
 def test_the_sum_of_energies_wanders_where_contacts_open():
-    """By about 1e-4 in 1e5 steps, so that its mean changes by some 3e-5 in these 8,000."""
+    """Its mean changes by some 3e-5 in these 8,000."""
     waves, velocities = smooth()
     changes = []
     for scale in (20.0, 25.0, 30.0):
