@@ -15,6 +15,7 @@ from granphon.base.errors import InputError, brief
 from granphon.base.scales import HertzPrefix, prefixed
 from granphon.figures.style import BLUE, COLOURS, PAGE_WIDTH, pick_evenly, print_hertz
 from granphon.figures.waves import choose_states
+from granphon.figures.words import write_unit
 from granphon.runs.dataset import Dataset
 from granphon.waves.motion import Motion
 
@@ -62,8 +63,8 @@ def plot_motion(motion: Motion, ax: Axes, *, show: Show = "velocities", axis: in
         (at - at[0]) / metre, motion.times / seconds, means / scale, cmap=MOTION, shading="nearest", rasterized=True,
         norm=TwoSlopeNorm(0.0, -most / scale, most / scale), gid="motion",
     )  # fmt: skip
-    ax.set(xlabel=f"{'xyz'[along]} ({_write(length)})", ylabel=f"Time ({_write(time)})")
-    add_bar(ax, drawn, f"{what} ({_write(unit)})")
+    ax.set(xlabel=f"{'xyz'[along]} ({write_unit(length)})", ylabel=f"Time ({write_unit(time)})")
+    add_bar(ax, drawn, f"{what} ({write_unit(unit)})")
     return ax
 
 
@@ -75,7 +76,7 @@ def plot_energies(motion: Motion, ax: Axes) -> Axes:
         values, label = getattr(motion, name), "contacts" if name == "stored" else name
         if name in ("translation", "stored") or np.any(values > 1e-9 * scale):
             ax.plot(motion.times / seconds, values / scale, color=colour, label=label)
-    ax.set(xlabel=f"Time ({_write(time)})", ylabel=f"Energy ({_write(unit)})", ylim=(0.0, None), xlim=(0.0, None))
+    ax.set(xlabel=f"Time ({write_unit(time)})", ylabel=f"Energy ({write_unit(unit)})", ylim=(0.0, None), xlim=(0.0, None))
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, borderaxespad=0.2)
     return ax
 
@@ -100,8 +101,8 @@ def _draw_speeds(motion: Motion, ax: Axes, frame: int, most: float) -> tuple[Any
     drawn = draw_balls(motion.network, speeds, ax, "magma_r", Normalize(0.0, most / scale))
     if np.any(scale * speeds > most):  # they have the darkest colour too
         drawn.cmap.colorbar_extend = "max"  # type: ignore[assignment]  # the stubs know truth values only
-    ax.set_title(f"{motion.times[frame] / seconds:.3g} {_write(time)}")
-    return drawn, f"Speed ({_write(unit)})"
+    ax.set_title(f"{motion.times[frame] / seconds:.3g} {write_unit(time)}")
+    return drawn, f"Speed ({write_unit(unit)})"
 
 
 def plot_ball_spectrum(motion: Motion, ax: Axes, ball: int, *, axis: int = 0) -> Axes:
@@ -111,7 +112,9 @@ def plot_ball_spectrum(motion: Motion, ax: Axes, ball: int, *, axis: int = 0) ->
     top = float(frequencies[amplitudes > _LEAST * most][-1])
     prefix, (scale, unit) = HertzPrefix.for_top(top), prefixed(most, "m")
     ax.plot(frequencies / prefix.hertz, np.maximum(amplitudes, 1e-3 * _LEAST * most) / scale, color=BLUE, linewidth=0.9)
-    ax.set(xlabel=f"Frequency ({print_hertz(prefix)})", ylabel=f"Displacement of ball {ball} ({_write(unit)})", yscale="log")
+    ax.set(
+        xlabel=f"Frequency ({print_hertz(prefix)})", ylabel=f"Displacement of ball {ball} ({write_unit(unit)})", yscale="log"
+    )
     ax.set(xlim=(0.0, top / prefix.hertz), ylim=(_LEAST * most / scale, 3.0 * most / scale))
     return ax
 
@@ -131,7 +134,10 @@ def plot_harmonics(motion: Motion, ax: Axes, frequency: float, *, count: int = 3
             (places - places.min())[order] / metre, values[order] / scale, ".-", color=colour, ms=2.5, lw=0.7, label=label
         )
     ax.set(
-        xlabel=f"{'xyz'[axis]} ({_write(length)})", ylabel=f"Displacement ({_write(unit)})", yscale="log", xlim=(0.0, None)
+        xlabel=f"{'xyz'[axis]} ({write_unit(length)})",
+        ylabel=f"Displacement ({write_unit(unit)})",
+        yscale="log",
+        xlim=(0.0, None),
     )
     ax.legend(ncols=3)
     return ax
@@ -180,12 +186,8 @@ def motions_figure(dataset: Dataset) -> Figure:
             scale, name = prefixed(max(float(np.max(values)) for _, values in lines), unit)
             for colour, values in lines:
                 ax.plot(dataset["motion_time"].values / seconds, values / scale, color=colour, linewidth=1.0)
-            ax.set(ylabel=f"{label} ({_write(name)})", ylim=(0.0, None))
-        below.set(xlabel=f"Time ({_write(time)})", xlim=(0.0, None))
+            ax.set(ylabel=f"{label} ({write_unit(name)})", ylim=(0.0, None))
+        below.set(xlabel=f"Time ({write_unit(time)})", xlim=(0.0, None))
         if len(handles) > 1:
             add_legend(figure, handles, room=1)
     return figure
-
-
-def _write(unit: str) -> str:
-    return unit.replace("u", "µ")

@@ -48,7 +48,7 @@ from granphon.figures.style import (
     pick_evenly,
     print_hertz,
 )
-from granphon.figures.words import find_differing, write_value
+from granphon.figures.words import find_differing, write_unit, write_value
 from granphon.fits.transfer import DampingFit
 from granphon.networks.network import ContactNetwork
 from granphon.observables.catalogue import CATALOGUE, axis_label
@@ -373,7 +373,7 @@ def plot_seismogram(pulse: Pulse, ax: Axes, balls: int = 6) -> Axes:
     chosen = pick_evenly(len(pulse.signals), balls)
     traces = [("sent", pulse.sent / np.max(np.abs(pulse.sent)), GUIDE), ("mean", pulse.coherent / most, BLUE)]
     traces += [
-        (f"at {write_quantity(distance, 'm', 3)}", trace / most, BLUE)
+        (f"at {write_unit(write_quantity(distance, 'm', 3))}", trace / most, BLUE)
         for distance, trace in zip(pulse.plane_distances, pulse.planes, strict=True)
     ]
     traces += [(f"ball {pulse.receivers[n]}", pulse.signals[n] / most, VERMILION) for n in chosen]
@@ -385,9 +385,9 @@ def plot_seismogram(pulse: Pulse, ax: Axes, balls: int = 6) -> Axes:
     if not pulse.why_unknown:
         time = pulse.time_of_flight
         ax.axvline((time + 0.5 * pulse.cycles / pulse.frequency) / seconds, color="black", linewidth=0.6, dashes=(3, 2))
-        told = f" in {time / seconds:.4g} {unit}: {pulse.distance / time:.4g} m/s"
-    ax.set(xlabel=f"Time ({unit})".replace("u", "µ"), xlim=t[[0, -1]], ylim=(-len(traces) + 0.4, 0.6))
-    ax.set_title(f"{write_quantity(pulse.distance, 'm', 4)}{told}".replace("u", "µ"))
+        told = f" in {time / seconds:.4g} {write_unit(unit)}: {pulse.distance / time:.4g} m/s"
+    ax.set(xlabel=f"Time ({write_unit(unit)})", xlim=t[[0, -1]], ylim=(-len(traces) + 0.4, 0.6))
+    ax.set_title(f"{write_unit(write_quantity(pulse.distance, 'm', 4))}{told}")
     return ax
 
 
@@ -401,7 +401,7 @@ def pulse_figure(pulse: Pulse) -> Figure:
         t = above.lines[0].get_xdata()
         below.plot(t, pulse.envelope / size, color=BLUE, linewidth=1.0, label="coherent, envelope")
         below.plot(t, pulse.speckle_amplitude / size, color=VERMILION, linewidth=1.0, label="speckle, rms")
-        below.set(xlabel=above.get_xlabel(), ylabel=f"Velocity ({unit})".replace("u", "µ"), ylim=(0.0, None))
+        below.set(xlabel=above.get_xlabel(), ylabel=f"Velocity ({write_unit(unit)})", ylim=(0.0, None))
         # above the panel: within it the two curves leave no place that is always free
         below.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, borderaxespad=0.2)
     return figure

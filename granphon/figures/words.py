@@ -58,11 +58,16 @@ def describe_medium(label: str, periods: int = 2, balls: int = 1) -> str:
     return ", ".join(words)
 
 
+def write_unit(unit: str) -> str:
+    """Return a unit, or a quantity, with "µ" in the place of "u"."""
+    return unit.replace("u", "µ")
+
+
 def write_value(value: float, unit: str) -> str:
     """Return a number with its unit as it stands in a legend, five digits at most: "2.04 µm"."""
     if unit not in ("m", "Pa", "N", "Hz", "N/m"):
         return f"{value:.5g} {unit}".rstrip()
-    return write_quantity(value, unit).replace("u", "µ")
+    return write_unit(write_quantity(value, unit))
 
 
 def describe_parameter(name: str, value: Any) -> tuple[str, str]:
