@@ -10,7 +10,8 @@ static forces, which the load holds in balance. In the directions of the network
 not against the overlaps.
 
 There are two schemes. Verlet's steps in velocity form are explicit, symplectic and, without losses, the same backwards; the
-sum of energies, each known in closed form, differs from a constant by the square of the step. Steps of "midpoint" take the
+sum of energies, each known in closed form, differs from a constant by the square of the step, which wanders where contacts
+open: the force has no second derivative there. Steps of "midpoint" take the
 velocity and the geometry at the middle, and of each contact the mean force: of normal forces the change of the energy over
 that of the overlap, of others the mean of both ends. What forces then do is what energies change by (the discrete gradient
 of D. Greenspan, Discrete Models, 1973, and O. Gonzalez, J. Nonlinear Sci. 6, 449, 1996), so that the sum closes to rounding,
@@ -215,8 +216,9 @@ class NonlinearWaves:
         frames : number of times that are kept, the start and the end among them.
         step : s, of which a frame has a whole number; by default a sixtieth of the shortest period that the stiffest contact
             allows. It is halved, and the run begins anew, if contacts become much stiffer.
-        scheme : "verlet", explicit and symplectic, whose sum of energies differs from a constant by the square of the step;
-            or "midpoint", implicit, four to six times the work, whose sum of energies is constant to rounding, with losses.
+        scheme : "verlet", explicit and symplectic, whose sum of energies differs from a constant by the square of the step,
+            and wanders where contacts open; or "midpoint", implicit, four to six times the work, whose sum of energies is
+            constant to rounding, with losses.
         file : path to which frames are written as they come, for :meth:`Motion.read`; a motion there is replaced. It can be
             read at any time, and after the program was killed.
         progress : is told how many frames are done.

@@ -61,7 +61,7 @@ def test_multiples_for_reading(value, size, name):
         ("N s/m", "250 uN s/m", "250 +/- 10 uN s/m"), ("m/s^2", "250 um/s^2", "250 +/- 10 um/s^2"),
     ],
 )  # fmt: skip
-def test_units_that_take_no_prefix(unit, text, both):
+def test_units_take_a_prefix_where_their_first_one_can(unit, text, both):
     assert write_quantity(2.5e-4, unit) == text
     assert write_uncertain(2.5e-4, 1e-5, unit) == both
 
