@@ -27,7 +27,7 @@ from granphon.base.registry import Registry
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
-from granphon.base.validation import choice, label, lengths, real_array, require, text_list, truth, whole_number
+from granphon.base.validation import label, lengths, one_of, real_array, require, text_list, truth, whole_number
 from granphon.networks.building import LARGEST, MOST_STEPS, read_whole_numbers
 
 #: fields with one number for each ball
@@ -649,7 +649,7 @@ class ContactNetwork(Result):
         Raises :class:`~granphon.base.errors.InputError` for a name without a reader, for what the reader refuses, and where
         it fails: the message names it.
         """
-        reader = READERS[require("program", partial(choice, options=READERS), program)]
+        reader = READERS[one_of("program", program, READERS)]
         try:
             found: Any = reader(*files, **options)
         except GranphonError:

@@ -18,7 +18,7 @@ from granphon.base.errors import InputError, OutputError, brief
 from granphon.base.records import RecordFile, hold, read_records
 from granphon.base.results import Result, plain
 from granphon.base.staging import explaining, put_beside
-from granphon.base.validation import number, positive, require, whole_number
+from granphon.base.validation import number, one_of, positive, require, whole_number
 from granphon.networks.network import ContactNetwork
 
 #: what a file of a motion says about itself
@@ -181,9 +181,7 @@ class Motion(Result):
         if at.ndim != 1 or at.size < 2 or at.dtype.kind not in "iu" or np.any((at < 0) | (at >= self.forces.shape[1])):
             what = f"contacts are {brief(contacts)}"
             raise InputError(what, mend=f"Give two or more of the numbers 0 to {self.forces.shape[1] - 1}")
-        if of not in ("peak", "front"):
-            raise InputError(f"of is {brief(of)}", mend='Give "peak" or "front"')
-        if share is not None and of == "peak":
+        if one_of("of", of, ("peak", "front")) == "peak" and share is not None:
             raise InputError(f"share is {brief(share)}, and a peak has none", mend='Give of="front" too')
         places = self.middles[at] - self.middles[at[0]]
         along = places[-1] if direction is None else np.asarray(direction, float)

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, PrecisionError, brief
-from granphon.base.validation import choice, finite_array, finite_list, positive, require
+from granphon.base.validation import finite_array, finite_list, one_of, positive
 from granphon.dynamics.zone_quadrature import shortest_vectors
 from granphon.networks.network import ContactNetwork
 from granphon.observables.validity import check_network
@@ -173,7 +173,7 @@ def find_polarisations(
         numbers = numbers / np.max(np.abs(numbers))
         rows[0, : numbers.size] = numbers / np.linalg.norm(numbers)
         return rows
-    name = require("polarisation", partial(choice, options=POLARISATIONS), polarisation)
+    name = one_of("polarisation", polarisation, POLARISATIONS)
     turns = name == "rotational"
     axes = motions.rotations if turns else motions.translations
     free = np.eye(3)[list(axes)]  # (a, 3) directions in which balls move
