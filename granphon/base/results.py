@@ -106,6 +106,7 @@ class Result:
     arrays) and, when the meaning of a field changes, a higher ``_schema``. ``_notebook_fields`` names
     properties, quick to find, that a notebook shows after the fields. Arrays are made read-only; scalars stay floats. Two
     results are equal if all their compared fields are equal, array by array; ``repr`` shows a large array by its shape.
+    ``class Spectrum(Result, array="values")`` has a field that ``np.asarray`` of it is.
 
     A shape is a text of sizes parted by spaces: a number; a letter, which means the same size in all shapes of the class;
     or a letter plus a number, "s+1". "..." at the beginning stands for the shape of the load, "|" parts layouts that are
@@ -116,6 +117,11 @@ class Result:
     units: ClassVar[Mapping[str, str]] = {}
     _shapes: ClassVar[Mapping[str, str]] = {}
     _notebook_fields: ClassVar[tuple[str, ...]] = ()
+
+    def __init_subclass__(cls, array: str = "", **options: Any) -> None:
+        super().__init_subclass__(**options)
+        if array:
+            cls.__array__ = lambda self, dtype=None, copy=None: np.array(getattr(self, array), dtype)  # type: ignore[attr-defined]
 
     def __post_init__(self) -> None:
         for name, value in list(vars(self).items()):

@@ -108,7 +108,7 @@ def _read_pair(name: str, given: Any, contacts: int, unit: str) -> Array:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DampedModes(Result):
+class DampedModes(Result, array="frequencies"):
     """Modes that lose energy, u exp(2 pi i f t) with complex f; ``np.asarray`` of it is ``frequencies``.
 
     Attributes
@@ -125,9 +125,6 @@ class DampedModes(Result):
     frequencies: NDArray[np.complex128]
     vectors: NDArray[np.complex128] | None = None
     qpoints: Array | None = None
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        return np.array(self.frequencies, dtype)
 
     @property
     def quality(self) -> Array:

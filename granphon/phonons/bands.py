@@ -376,7 +376,7 @@ class Bands(Result):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ComplexBands(Result):
+class ComplexBands(Result, array="wavenumbers"):
     """All waves across the layers of a crystal at given frequencies. ``np.asarray`` of it is ``wavenumbers``.
 
     A motion changes by exp(i k h) from layer to layer, in the time exp(-2 pi i f t). Waves of the first half of a row run or
@@ -399,9 +399,6 @@ class ComplexBands(Result):
     wavenumbers: NDArray[np.complex128]
     running: NDArray[np.intp]
     height: float
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        return np.array(self.wavenumbers, dtype)
 
     @property
     def forward(self) -> NDArray[np.complex128]:

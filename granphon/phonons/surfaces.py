@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.balls.layers import EDGES
 from granphon.base.arrays import Array
 from granphon.base.errors import GranphonError, InputError
 from granphon.base.results import Result
 from granphon.base.staging import write_text
 from granphon.base.tables import Heading, table_text
-from granphon.base.validation import finite_array, positive, real_array, whole_number
+from granphon.base.validation import finite_array, one_of, positive, real_array, whole_number
 from granphon.dynamics.half_space import HalfSpace
 from granphon.media.state import State
 from granphon.networks.network import given_network
@@ -62,7 +63,7 @@ class SurfaceBranches(Result):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SurfaceSpectrum(Result):
+class SurfaceSpectrum(Result, array="values"):
     """Spectrum of the outer layer of a half space. ``np.asarray`` of it is ``values``.
 
     Attributes
@@ -100,9 +101,6 @@ class SurfaceSpectrum(Result):
     corners: Array = field(default_factory=lambda: np.zeros(0))
     labels: tuple[str, ...] = ()
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        return np.array(self.values, dtype)
-
     def write_csv(self, path: str | os.PathLike[str]) -> None:
         """Write a table of the ``waves``: a row for each, with its wave vector, and the distance along the path."""
         waves = self.waves
@@ -139,10 +137,8 @@ class Surface:
     """
 
     def __init__(self, x: Any, axis: Any, edge: str = "free") -> None:
-        if edge not in ("free", "clamped", "floor"):
-            raise InputError(f"edge is {edge!r}", mend="Give 'free', 'clamped' or 'floor'")
         self.network = given_network(x)
-        self.half_space = HalfSpace(self.network, axis, edge)
+        self.half_space = HalfSpace(self.network, axis, one_of("edge", edge, EDGES))
 
     def __repr__(self) -> str:
         half = self.half_space

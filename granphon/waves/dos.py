@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from granphon.array.sample import standard_error
 from granphon.balls.diameters import uniform_numbers
@@ -27,7 +26,7 @@ _BLOCK = 2**22
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LocalDensity(Result):
+class LocalDensity(Result, array="values"):
     """Local density of states of a ball, by its motions; ``np.asarray`` of it is ``values``.
 
     That of a motion is the sum over all modes of their kinetic energy in it, each line broadened by the Jackson kernel.
@@ -51,9 +50,6 @@ class LocalDensity(Result):
     ball: int
     resolution: float
     moments: int
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        return np.array(self.values, dtype)
 
 
 def find_local_density(

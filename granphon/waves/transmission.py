@@ -31,7 +31,7 @@ _SAME_PERIOD = 0.01
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Transmission(Result):
+class Transmission(Result, array="transmitted"):
     """Energy that waves of a lead bring through a strip. ``np.asarray`` of it is ``transmitted``.
 
     Waves are those that run at each frequency, in ascending order of their wave number; where they are fewer than m, the
@@ -64,9 +64,6 @@ class Transmission(Result):
     amplitudes: NDArray[np.complex128]
     wavenumbers: Array
     length: float
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        return np.array(self.transmitted, dtype)
 
     @property
     def total(self) -> Array:
