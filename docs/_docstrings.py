@@ -115,7 +115,8 @@ def _stands_apart(obj: Any, name: str) -> bool:
 
 
 def _say_types(text: str) -> str:
-    """Types as a text of annotations has them, with their aliases said."""
+    """Types as a text of annotations has them, with their aliases said; of fields without their shapes and units."""
+    text = re.sub(r"""~?(?:typing\.)?Annotated\[(.+?)(?:, (?:"[^"]*"|'[^']*'))+\]""", r"\1", text)
     return re.sub(r"(?<![\w.~'])\w+(?!\s*[(\w:=.\[])", lambda name: ALIASES.get(name[0], name[0]), text)
 
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,12 +119,9 @@ class DampedModes(Result, array="frequencies"):
     qpoints : (n_q, 3) wave vectors, fractions of the reciprocal cell; None of a network.
     """
 
-    units = {"frequencies": "Hz"}
-    _shapes = {"frequencies": "q m|m", "vectors": "m n c?", "qpoints": "q 3?"}
-
-    frequencies: NDArray[np.complex128]
-    vectors: NDArray[np.complex128] | None = None
-    qpoints: Array | None = None
+    frequencies: Annotated[NDArray[np.complex128], "q m|m", "Hz"]
+    vectors: Annotated[NDArray[np.complex128] | None, "m n c?"] = None
+    qpoints: Annotated[Array | None, "q 3?"] = None
 
     @property
     def quality(self) -> Array:

@@ -18,7 +18,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -74,12 +74,9 @@ class Waves(Result):
     finite_overlap : whether terms of relative order delta/d are kept.
     """
 
-    units = {"frequency": "Hz"}
-    _shapes = {"direction": "p", "frequency": "...?"}
-
     branch: str
-    direction: Array
-    frequency: Any
+    direction: Annotated[Array, "p"]
+    frequency: Annotated[Any, "...?", "Hz"]
     finite_overlap: bool
 
     def __post_init__(self) -> None:

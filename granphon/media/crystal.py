@@ -18,7 +18,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from operator import attrgetter
 from string import ascii_uppercase
-from typing import Any, NamedTuple, Self
+from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -1018,21 +1018,15 @@ class CrystalState(Result):
         balls touch, which drops terms of relative order delta/d.
     """
 
-    units = {"normal_force": "N", "overlap": "m", "normal_stiffness": "N/m", "displacements": "m", "ways": "m"}
-    _shapes = {
-        "normal_force": "... c", "overlap": "... c", "normal_stiffness": "... c", "normal": "... c d",
-        "displacements": "... n d", "stress": "... p p", "strain": "... p p", "ways": "... w",
-    }  # fmt: skip
-
     crystal: Crystal
-    normal_force: Array
-    overlap: Array
-    normal_stiffness: Array
-    normal: Array
-    displacements: Array
-    stress: Array
-    strain: Array
-    ways: Array
+    normal_force: Annotated[Array, "... c", "N"]
+    overlap: Annotated[Array, "... c", "m"]
+    normal_stiffness: Annotated[Array, "... c", "N/m"]
+    normal: Annotated[Array, "... c d"]
+    displacements: Annotated[Array, "... n d", "m"]
+    stress: Annotated[Array, "... p p"]
+    strain: Annotated[Array, "... p p"]
+    ways: Annotated[Array, "... w", "m"]
     finite_overlap: bool = False
 
     def _field_units(self) -> dict[str, str]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -45,14 +45,11 @@ class SurfaceBranches(Result):
     weight : (n,) part of its kinetic energy in the outer layers, as many as contacts reach across.
     """
 
-    units = {"frequencies": "Hz", "widths": "Hz"}
-    _shapes = {"qpoints": "q 3", "place": "n", "frequencies": "n", "widths": "n", "weight": "n"}
-
-    qpoints: Array
-    place: NDArray[np.intp]
-    frequencies: Array
-    widths: Array
-    weight: Array
+    qpoints: Annotated[Array, "q 3"]
+    place: Annotated[NDArray[np.intp], "n"]
+    frequencies: Annotated[Array, "n", "Hz"]
+    widths: Annotated[Array, "n", "Hz"]
+    weight: Annotated[Array, "n"]
 
     def __len__(self) -> int:
         return len(self.qpoints)
@@ -80,26 +77,17 @@ class SurfaceSpectrum(Result, array="values"):
     corners, labels : (c,) the same of the corners of the path, and their names.
     """
 
-    units = {
-        "frequencies": "Hz", "values": "1/Hz", "by_motion": "1/Hz", "damping": "Hz", "edges": "Hz", "distances": "1",
-        "corners": "1",
-    }  # fmt: skip
-    _shapes = {
-        "qpoints": "q 3", "frequencies": "f", "values": "q f", "by_motion": "q f m", "edges": "q b 2", "corners": "c",
-        "labels": "c",
-    }  # fmt: skip
-
-    qpoints: Array
-    frequencies: Array
-    values: Array
-    by_motion: Array
+    qpoints: Annotated[Array, "q 3"]
+    frequencies: Annotated[Array, "f", "Hz"]
+    values: Annotated[Array, "q f", "1/Hz"]
+    by_motion: Annotated[Array, "q f m", "1/Hz"]
     letters: tuple[str, ...]
-    damping: float
-    edges: Array
+    damping: Annotated[float, "", "Hz"]
+    edges: Annotated[Array, "q b 2", "Hz"]
     waves: SurfaceBranches | None = None
-    distances: Array = field(default_factory=lambda: np.zeros(0))
-    corners: Array = field(default_factory=lambda: np.zeros(0))
-    labels: tuple[str, ...] = ()
+    distances: Annotated[Array, "", "1"] = field(default_factory=lambda: np.zeros(0))
+    corners: Annotated[Array, "c", "1"] = field(default_factory=lambda: np.zeros(0))
+    labels: Annotated[tuple[str, ...], "c"] = ()
 
     def write_csv(self, path: str | os.PathLike[str]) -> None:
         """Write a table of the ``waves``: a row for each, with its wave vector, and the distance along the path."""

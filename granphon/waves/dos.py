@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import partial
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,14 +42,11 @@ class LocalDensity(Result, array="values"):
     moments : number of Chebyshev moments.
     """
 
-    units = {"frequencies": "Hz", "values": "1/Hz", "resolution": "Hz"}
-    _shapes = {"frequencies": "f", "values": "f m"}
-
-    frequencies: Array
-    values: Array
+    frequencies: Annotated[Array, "f", "Hz"]
+    values: Annotated[Array, "f m", "1/Hz"]
     letters: tuple[str, ...]
     ball: int
-    resolution: float
+    resolution: Annotated[float, "", "Hz"]
     moments: int
 
 
@@ -95,22 +93,15 @@ class SpectralDensity(Refinable):
     warnings : one sentence for each limit of the contact law that the network exceeds.
     """
 
-    units = {
-        "frequencies": "Hz", "total": "1/Hz", "translational": "1/Hz", "rotational": "1/Hz", "error": "1/Hz",
-        "translational_error": "1/Hz", "rotational_error": "1/Hz", "top": "Hz",
-    }  # fmt: skip
-    _shapes = {
-        "frequencies": "n", "translational": "n", "rotational": "n", "error": "n", "translational_error": "n",
-        "rotational_error": "n",
-    }  # fmt: skip
+    units = {"total": "1/Hz"}
 
-    frequencies: Array
-    translational: Array
-    rotational: Array
-    error: Array
-    translational_error: Array
-    rotational_error: Array
-    top: float
+    frequencies: Annotated[Array, "n", "Hz"]
+    translational: Annotated[Array, "n", "1/Hz"]
+    rotational: Annotated[Array, "n", "1/Hz"]
+    error: Annotated[Array, "n", "1/Hz"]
+    translational_error: Annotated[Array, "n", "1/Hz"]
+    rotational_error: Annotated[Array, "n", "1/Hz"]
+    top: Annotated[float, "", "Hz"]
     moments: int
     vectors: int
     seed: int

@@ -20,7 +20,7 @@ import math
 from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -465,12 +465,10 @@ class NetworkModes(Result):
     network : the network whose modes these are.
     """
 
-    units = {"frequencies": "Hz"}
-    _shapes = {"frequencies": "m", "vectors": "m n c"}
     _notebook_fields = ("warnings",)
 
-    frequencies: Array
-    vectors: Array
+    frequencies: Annotated[Array, "m", "Hz"]
+    vectors: Annotated[Array, "m n c"]
     displacements: int
     moving: int
     zero_modes: int | None

@@ -14,7 +14,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -382,38 +382,27 @@ class Pulse(Result):
     fastest : (2,) m/s, upper bounds of the velocity of long waves: of this polarisation, and of all.
     """
 
-    units = {
-        "frequency": "Hz", "damping": "s", "tangential_damping": "s", "distance": "m", "times": "s", "sent": "N",
-        "signals": "m/s", "plane_distances": "m", "planes": "m/s", "frames": "s", "velocities": "m/s", "energies": "J",
-        "echo": "m", "fastest": "m/s",
-    }  # fmt: skip
-    _shapes = {
-        "direction": "3", "polarisation": "3", "times": "t", "sent": "t", "sources": "s", "receivers": "r", "samples": "r",
-        "signals": "r t", "plane_distances": "p", "planes": "p t|p", "frames": "f", "velocities": "f n 3|f", "energies": "2",
-        "fastest": "2",
-    }  # fmt: skip
-
-    frequency: float
+    frequency: Annotated[float, "", "Hz"]
     cycles: float
-    direction: Array
-    polarisation: Array
-    damping: float
-    tangential_damping: float
-    distance: float
-    times: Array
-    sent: Array
-    sources: Index
-    receivers: Index
-    samples: Index
-    signals: Array
-    energies: Array
-    plane_distances: Array
-    planes: Array
-    frames: Array
-    velocities: Array
+    direction: Annotated[Array, "3"]
+    polarisation: Annotated[Array, "3"]
+    damping: Annotated[float, "", "s"]
+    tangential_damping: Annotated[float, "", "s"]
+    distance: Annotated[float, "", "m"]
+    times: Annotated[Array, "t", "s"]
+    sent: Annotated[Array, "t", "N"]
+    sources: Annotated[Index, "s"]
+    receivers: Annotated[Index, "r"]
+    samples: Annotated[Index, "r"]
+    signals: Annotated[Array, "r t", "m/s"]
+    energies: Annotated[Array, "2", "J"]
+    plane_distances: Annotated[Array, "p", "m"]
+    planes: Annotated[Array, "p t|p", "m/s"]
+    frames: Annotated[Array, "f", "s"]
+    velocities: Annotated[Array, "f n 3|f", "m/s"]
     warnings: tuple[str, ...] = ()
-    echo: float = math.inf
-    fastest: Array = field(default_factory=lambda: np.full(2, math.inf))
+    echo: Annotated[float, "", "m"] = math.inf
+    fastest: Annotated[Array, "2", "m/s"] = field(default_factory=lambda: np.full(2, math.inf))
 
     def __post_init__(self) -> None:
         # plain data do not keep the shape of an array without numbers

@@ -41,7 +41,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -115,21 +115,16 @@ class Response(Result, array="values"):
     warnings : one sentence for the frequencies whose error is above 1e-6, as next to modes without damping.
     """
 
-    units = {"frequencies": "Hz"}
-    _shapes = {
-        "frequencies": "f", "values": "f r", "sources": "s", "pushes": "s 3", "receivers": "r", "directions": "r 3",
-        "error": "f",
-    }  # fmt: skip
     _notebook_fields = ("method",)
 
-    frequencies: Array
-    values: NDArray[np.complex128]
+    frequencies: Annotated[Array, "f", "Hz"]
+    values: Annotated[NDArray[np.complex128], "f r"]
     quantity: str
-    sources: Index
-    pushes: Array
-    receivers: Index
-    directions: Array
-    error: Array
+    sources: Annotated[Index, "s"]
+    pushes: Annotated[Array, "s 3"]
+    receivers: Annotated[Index, "r"]
+    directions: Annotated[Array, "r 3"]
+    error: Annotated[Array, "f"]
     factorisations: int
     steps: int
     warnings: tuple[str, ...] = ()

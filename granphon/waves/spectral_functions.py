@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -336,17 +336,14 @@ class SpectralFunction(Refinable):
     warnings : one sentence for each limit of the contact law that the network exceeds.
     """
 
-    units = {"q": "1/m", "shortest": "1/m", "frequencies": "Hz", "values": "1/Hz", "top": "Hz"}
-    _shapes = {"q": "n d", "shortest": "n d?", "frequencies": "f", "values": "n f"}
-
-    q: Array
+    q: Annotated[Array, "n d", "1/m"]
     polarisation: str
     direction: tuple[float, ...]
-    frequencies: Array
-    values: Array
-    top: float
+    frequencies: Annotated[Array, "f", "Hz"]
+    values: Annotated[Array, "n f", "1/Hz"]
+    top: Annotated[float, "", "Hz"]
     moments: int
-    shortest: Array | None = None
+    shortest: Annotated[Array | None, "n d?", "1/m"] = None
     warnings: tuple[str, ...] = ()
 
     @property
