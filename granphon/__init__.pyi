@@ -110,9 +110,6 @@ from .tradeoffs.measure import tradeoff as tradeoff
 from .waves.amplitude import amplitude_shift as amplitude_shift
 from .waves.dos import LocalDensity as LocalDensity
 from .waves.dos import SpectralDensity as SpectralDensity
-from .waves.drives import DriveSettings as DriveSettings
-from .waves.drives import Shaker as Shaker
-from .waves.drives import Signal as Signal
 from .waves.modes import NetworkModes as NetworkModes
 from .waves.motion import Motion as Motion
 from .waves.nonlinear import Drive as Drive
@@ -122,9 +119,12 @@ from .waves.pulses import Pulse as Pulse
 from .waves.response import Peaks as Peaks
 from .waves.response import Response as Response
 from .waves.settings import BandsSettings as BandsSettings
+from .waves.settings import DriveSettings as DriveSettings
 from .waves.settings import MotionSettings as MotionSettings
 from .waves.settings import PulseSettings as PulseSettings
 from .waves.settings import ResponseSettings as ResponseSettings
+from .waves.settings import Shaker as Shaker
+from .waves.settings import Signal as Signal
 from .waves.settings import SpectrumSettings as SpectrumSettings
 from .waves.settings import SurfaceSettings as SurfaceSettings
 from .waves.spectral_functions import SpectralFunction as SpectralFunction

@@ -62,8 +62,7 @@ from granphon.base.validation import (
 )
 from granphon.media.choice import MEDIA, MediumChoice, read_medium
 from granphon.observables.catalogue import CATALOGUE
-from granphon.waves.drives import read_drives, write_drives
-from granphon.waves.settings import NETWORK_BLOCKS
+from granphon.waves.settings import NETWORK_BLOCKS, read_drives, write_drives
 
 #: version number of the layout of a scene file, its key "schema"
 SCENE_SCHEMA = 1
