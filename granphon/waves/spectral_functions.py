@@ -23,6 +23,7 @@ from granphon.networks.network import ContactNetwork
 from granphon.observables.validity import check_network
 from granphon.waves.chebyshev import Kernel, Moments, Refinable, keeps_vectors
 from granphon.waves.operator import WaveOperator
+from granphon.waves.pulses import read_vector
 from granphon.waves.settings import POLARISATIONS
 
 #: largest deviation of q . L / 2 pi from a whole number that is put down to rounding
@@ -177,14 +178,7 @@ def find_polarisations(
     turns = name == "rotational"
     axes = motions.rotations if turns else motions.translations
     free = np.eye(3)[list(axes)]  # (a, 3) directions in which balls move
-    wanted = None
-    if direction is not None:
-        given = finite_array("direction", direction)
-        if given.shape not in ((2,), (3,)) or not np.any(given):
-            raise InputError(f"direction is {brief(direction)}", mend="Give (x, y) or (x, y, z), not all zero")
-        wanted = np.zeros(3)
-        wanted[: given.size] = given / np.max(np.abs(given))
-        wanted /= np.linalg.norm(wanted)
+    wanted = None if direction is None else read_vector("direction", direction, operator.network.dimension)
     along = np.zeros(3)
     along[: q.size] = q
     if turns:
