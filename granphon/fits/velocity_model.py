@@ -25,8 +25,7 @@ import numpy as np
 from granphon.balls.diameters import Discrete, Measured, Spread, Uniform
 from granphon.balls.hertz import EXPONENT
 from granphon.balls.loads import Load
-from granphon.balls.packing import MINDLIN, Packing
-from granphon.balls.parameters import change_packing
+from granphon.balls.packing import MINDLIN, Packing, change_packing
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, UnreachableFrequencyError, brief
 from granphon.base.results import Result

@@ -17,8 +17,7 @@ import numpy as np
 
 from granphon.balls.diameters import Uniform
 from granphon.balls.hertz import EXPONENT, force_of, high_pressure_overlap
-from granphon.balls.packing import Packing
-from granphon.balls.parameters import change_width
+from granphon.balls.packing import Packing, change_width
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, MechanismError, PrecisionError
 from granphon.base.scales import WidthUnits

@@ -24,8 +24,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.packing import Packing
-from granphon.balls.parameters import PARAMETERS
+from granphon.balls.packing import PARAMETERS, Packing
 from granphon.base.errors import InputError, InstabilityError, MechanismError, MissingPackageError, needing
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import LIGHT_VELOCITY, LOAD_KINDS, find_load_unit, is_si

@@ -32,7 +32,7 @@ from granphon.array.sample import Sample
 from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
-from granphon.balls.parameters import Axis, combine
+from granphon.balls.packing import Axis, combine
 from granphon.base.errors import ConvergenceError, GranphonError, InputError, MechanismError
 from granphon.base.registry import list_added
 from granphon.base.results import plain, read_only

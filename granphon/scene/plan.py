@@ -19,8 +19,7 @@ from granphon.balls.contact_table import touch_once_at_most
 from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.layers import Layers
 from granphon.balls.loads import Load
-from granphon.balls.packing import Packing
-from granphon.balls.parameters import Axis, change_packing, count_combinations, find_unit
+from granphon.balls.packing import Axis, Packing, change_packing, count_combinations, find_unit
 from granphon.base.errors import GranphonError, InputError, MechanismError, Refused
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import LENGTH, find_load_unit

@@ -24,8 +24,7 @@ from granphon.balls.lattices import LATTICES, STRUCTURES, TRIANGULAR, Lattice, a
 from granphon.balls.layers import EDGES, read_axis
 from granphon.balls.material import Material, read_poisson_ratio
 from granphon.balls.motions import allowed_motions
-from granphon.balls.packing import MINDLIN
-from granphon.balls.parameters import KIND_PARAMETERS, PARAMETERS, Axis, find_double, find_unit
+from granphon.balls.packing import KIND_PARAMETERS, MINDLIN, PARAMETERS, Axis, find_double, find_unit
 from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import (
     DENSITY,
