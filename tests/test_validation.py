@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import granphon as gp
-from granphon.balls.distributions import MOST_POINTS, NormalShape, UniformShape
+from granphon.balls.diameters import MOST_POINTS, NormalShape, UniformShape
 from granphon.balls.hertz import STIFFNESS
 from granphon.dynamics.local_field import local_field
 from granphon.laws.effective import effective_curve

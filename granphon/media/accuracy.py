@@ -31,7 +31,7 @@ from typing import Any
 
 import numpy as np
 
-from granphon.balls.distributions import NormalShape, Shape, UniformShape
+from granphon.balls.diameters import NormalShape, Shape, UniformShape
 from granphon.balls.hertz import overlap_of
 from granphon.balls.lattices import LATTICES, Lattice
 from granphon.balls.loads import Load

@@ -18,8 +18,7 @@ from typing import Literal
 
 import numpy as np
 
-from granphon.balls.diameters import Discrete, Measured
-from granphon.balls.distributions import PointShape
+from granphon.balls.diameters import Discrete, Measured, PointShape
 from granphon.balls.hertz import LEAST_NORMAL
 from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.loads import Load, require_compressive

@@ -32,8 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.balls.contact_table import TOUCH, select_once, steps_within
-from granphon.balls.diameters import Spread
-from granphon.balls.distributions import PointShape
+from granphon.balls.diameters import PointShape, Spread
 from granphon.balls.hertz import EXPONENT, FREQUENCY_EXPONENT
 from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.balls.loads import Load
