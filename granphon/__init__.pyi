@@ -58,11 +58,11 @@ from .media.crystal import Crystal as Crystal
 from .media.crystal import CrystalState as CrystalState
 from .media.friction_history import FrictionHistory as FrictionHistory
 from .media.limits import Check as Check
-from .media.mean_field import AveragedForce as AveragedForce
-from .media.mean_field import AveragedLattice as AveragedLattice
-from .media.mean_field import ClusterMedium as ClusterMedium
-from .media.mean_field import EffectiveMedium as EffectiveMedium
-from .media.mean_field import LawMedium as LawMedium
+from .media.medium import AveragedForce as AveragedForce
+from .media.medium import AveragedLattice as AveragedLattice
+from .media.medium import ClusterMedium as ClusterMedium
+from .media.medium import EffectiveMedium as EffectiveMedium
+from .media.medium import LawMedium as LawMedium
 from .media.medium import Medium as Medium
 from .media.simulation import DirectSimulation as DirectSimulation
 from .media.simulation import SampleLaw as SampleLaw

@@ -33,7 +33,7 @@ from granphon.base.text import suggest
 from granphon.base.validation import is_one_of, positive, require, truth
 from granphon.dynamics.branches import follow_acoustic_branches
 from granphon.media.choice import MediumChoice, no_simulation
-from granphon.media.mean_field import AveragedLattice
+from granphon.media.medium import AveragedLattice
 from granphon.media.state import ContactState, ideal_lattice
 from granphon.observables.velocities import local_exponent, pulse_velocities
 

@@ -16,8 +16,7 @@ from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.arrays import Array
 from granphon.base.errors import GranphonError, InputError
-from granphon.media.mean_field import AveragedLattice
-from granphon.media.medium import explain_untouched
+from granphon.media.medium import AveragedLattice, explain_untouched
 
 
 def reduce_load(packing: Packing, load: Load) -> Array:

@@ -27,7 +27,7 @@ from granphon.laws.cluster import ClusterLaw
 from granphon.laws.effective import VALID_FORCE, EffectiveLaw
 from granphon.laws.spread import AveragedLaw
 from granphon.media.choice import MediumChoice, find_medium
-from granphon.media.mean_field import ClusterMedium
+from granphon.media.medium import ClusterMedium
 from granphon.media.state import Law
 
 #: nodes of ln f* to begin with, and the most that there may be

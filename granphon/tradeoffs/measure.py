@@ -51,7 +51,7 @@ from granphon.media.choice import even_shape
 from granphon.media.cost import Cost, estimate, write_duration
 from granphon.media.friction_history import REFERENCE_OPTIONS, REST, FrictionHistory
 from granphon.media.left_out import LATTICE
-from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
+from granphon.media.medium import AveragedForce, AveragedLattice, EffectiveMedium
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState, ideal_lattice
 from granphon.observables.velocities import local_exponent, sound_velocities
