@@ -56,8 +56,8 @@ from .media.choice import register_medium as register_medium
 from .media.cost import Cost as Cost
 from .media.crystal import Crystal as Crystal
 from .media.crystal import CrystalState as CrystalState
-from .media.friction_history import FrictionHistory as FrictionHistory
 from .media.limits import Check as Check
+from .media.loading import FrictionHistory as FrictionHistory
 from .media.medium import AveragedForce as AveragedForce
 from .media.medium import AveragedLattice as AveragedLattice
 from .media.medium import ClusterMedium as ClusterMedium

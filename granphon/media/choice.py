@@ -26,9 +26,8 @@ from granphon.base.validation import block, choice, number, read_inside, real_nu
 from granphon.media.accuracy import FRICTIONLESS, accuracy
 from granphon.media.arrangement import Balls, CrystalMedium
 from granphon.media.cost import estimate
-from granphon.media.equilibria import reduce_load
-from granphon.media.friction_history import HISTORY_OPTIONS, REFERENCE_OPTIONS, REST, FrictionHistory, read_start
 from granphon.media.left_out import EXACT, LATTICE, expect_shear_deficit, find_left_out
+from granphon.media.loading import HISTORY_OPTIONS, REFERENCE_OPTIONS, REST, FrictionHistory, read_start, reduce_load
 from granphon.media.medium import AveragedForce, AveragedLattice, ClusterMedium, EffectiveMedium, Medium, Option
 from granphon.media.simulation import DEFAULT_SHAPES, DirectSimulation, no_finite_overlap, read_cells
 from granphon.media.state import ContactState, read_finite_overlap

@@ -35,8 +35,8 @@ from granphon.balls.packing import Packing
 from granphon.base.arrays import Array
 from granphon.dynamics.large_cells import BYTES
 from granphon.dynamics.linalg import MANY_COLUMNS
-from granphon.media.equilibria import reduce_load
 from granphon.media.left_out import estimate_reduced_force, find_spacing
+from granphon.media.loading import reduce_load
 from granphon.media.medium import AveragedLattice
 from granphon.media.simulation import DirectSimulation
 

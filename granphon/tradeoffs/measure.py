@@ -49,8 +49,8 @@ from granphon.dynamics.tensors import bulk_and_shear, longitudinal_modulus
 from granphon.laws.effective import EffectiveLaw, effective_curve, solve_curve
 from granphon.media.choice import even_shape
 from granphon.media.cost import Cost, estimate, write_duration
-from granphon.media.friction_history import REFERENCE_OPTIONS, REST, FrictionHistory
 from granphon.media.left_out import LATTICE
+from granphon.media.loading import REFERENCE_OPTIONS, REST, FrictionHistory
 from granphon.media.medium import AveragedForce, AveragedLattice, EffectiveMedium
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState, ideal_lattice
