@@ -225,16 +225,9 @@ class MediumChoice:
     def parse(
         cls, value: str | Mapping[str, Mapping[str, Any] | None] | MediumChoice, lattice: Lattice | None = None
     ) -> MediumChoice:
-        """Read a choice from a name such as "ema", or from {"ema": {"local_field": "paper"}}; see :meth:`on`."""
+        """Read a choice from a name such as "ema", or from {"ema": {"local_field": "paper"}}; see :func:`read_medium`."""
         found: MediumChoice = require("medium", partial(read_medium, lattice=lattice), value)
         return found
-
-    def on(self, lattice: Lattice) -> MediumChoice:
-        """Return the same choice for a lattice, on which a shape at its default is left out, as other options are.
-
-        Raises :class:`~granphon.base.errors.Refused` for a shape that has not one length for each period of the lattice.
-        """
-        return read_medium(self, lattice)
 
     def settings_on(self, lattice: Lattice) -> dict[str, Any]:
         """Every option with its value on a lattice, as a scene would give it: the default of a shape depends on the lattice.
