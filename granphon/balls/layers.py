@@ -114,7 +114,7 @@ def read_edges(value: Any) -> tuple[str, str]:
     words = value.split() if isinstance(value, str) else value
     if not isinstance(words, list | tuple) or len(words) not in (1, 2):
         raise Refused(show(value), f"one word for both faces, or two for the lower and the upper: {', '.join(EDGES)}")
-    found = each(list(words), partial(choice, options=EDGES), "edges")
+    found = [choice(word, EDGES) for word in words]
     return found[0], found[-1]
 
 
