@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.balls.lattices import one_direction
-from granphon.balls.packing import Packing
-from granphon.balls.parameters import PARAMETERS
+from granphon.balls.packing import PARAMETERS, Packing
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.results import Result

@@ -434,7 +434,7 @@ class Crystal(Result):
         """
         count = whole_number("layers", layers, 1, _MOST_CELLS)
         _require_room(count * self.n_balls)
-        words, layering = read_edges(edges), Layers.across(axis, self.cell)
+        words, layering = require("edges", read_edges, edges), Layers.across(axis, self.cell)
         d, n, a, table = self.dimension, self.n_balls, self.periods - 1, self.contacts
         turn, stack = layering.turn, layering.stack
         sites, shift = layering.gather(self.positions, table.i, table.j, table.shift)

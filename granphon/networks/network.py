@@ -451,7 +451,7 @@ class ContactNetwork(Result):
         reaches across all of them, if layers are not connected, if no ball can move, and if a clamped ball touches no ball
         that moves.
         """
-        count, words = whole_number("layers", layers, 1, MOST_CELLS), read_edges(edges)
+        count, words = whole_number("layers", layers, 1, MOST_CELLS), require("edges", read_edges, edges)
         periods, n, d = np.flatnonzero(self.pbc), self.n_balls, self.dimension
         cut, stack = self.layers_across(axis), np.zeros(3)
         turn, p, stack[:d] = np.eye(3), len(cut.cell), cut.stack

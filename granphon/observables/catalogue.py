@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granphon.balls.parameters import PARAMETERS
+from granphon.balls.packing import PARAMETERS
 from granphon.base.errors import InputError, brief, one_line
 from granphon.base.quantities import is_si
 from granphon.base.registry import Registry
