@@ -624,8 +624,8 @@ class PulseSource:
     frequency: float
     direction: ArrayLike
     distance: float
-    cycles: float
-    polarisation: str | ArrayLike
+    cycles: float = 5.0
+    polarisation: str | ArrayLike = "longitudinal"
     _: KW_ONLY
     source: str | int | Sequence[int] = "plane"
     ends: str = "free"
