@@ -182,7 +182,8 @@ class LongWaves(Compatibility):
         together = np.concatenate([moved, waves], axis=2).reshape(-1, count + free.shape[1])
         still = _find_null(together)
         rest = waves @ _find_null(still[:, count:]).T
-        return couple(rest), np.eye(count) - still[:, :count].T @ still[:, :count]
+        part = np.eye(count) - still[:, :count].T @ still[:, :count]
+        return couple(rest), np.where(np.abs(part) > _COUPLED, part, 0.0)
 
     def require_rigid(self) -> None:
         """Raise :class:`~granphon.base.errors.MechanismError` if the lattice is a :attr:`mechanism`.
@@ -364,9 +365,10 @@ class LongWaves(Compatibility):
 
     @cached_property
     def _per_mass(self) -> Array:
-        """(n_u, n_u) the root of all mass over that which sound moves."""
+        """(n_u, n_u) the root of all mass over that which sound moves; zero along displacements that move none of it."""
         values, vectors = np.linalg.eigh(self._with_sound[1])
-        return np.asarray((vectors / np.sqrt(values)) @ vectors.T)
+        inverse = np.divide(1.0, values, out=np.zeros_like(values), where=values > _COUPLED)
+        return np.asarray((vectors * np.sqrt(inverse)) @ vectors.T)
 
     @cached_property
     def wave_names(self) -> tuple[str, ...]:
