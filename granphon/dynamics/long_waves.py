@@ -181,7 +181,7 @@ class LongWaves(Compatibility):
         moved = sound.swapaxes(1, 2) / np.sqrt(self.masses.sum())  # as inner motions are, per root of mass
         together = np.concatenate([moved, waves], axis=2).reshape(-1, count + free.shape[1])
         still = _find_null(together)
-        rest = waves @ _find_null(still[:, count:]).T
+        rest = waves @ _find_null(still[:, count:], 1.0).T
         part = np.eye(count) - still[:, :count].T @ still[:, :count]
         return couple(rest), np.where(np.abs(part) > _COUPLED, part, 0.0)
 
@@ -445,12 +445,12 @@ class LongWaves(Compatibility):
         return squared, (narrowing - float(coupling @ coupling) / squared) / squared
 
 
-def _find_null(matrix: Array) -> Array:
-    """Return an orthonormal basis, as rows, of the vectors that a matrix takes to zero."""
+def _find_null(matrix: Array, size: float = 0.0) -> Array:
+    """Return an orthonormal basis, as rows, of the vectors that a matrix, of this ``size`` or larger, takes to zero."""
     _, values, right = np.linalg.svd(
         np.pad(matrix, ((0, max(0, matrix.shape[1] - len(matrix))), (0, 0))), full_matrices=False
     )
-    return np.asarray(right[values <= _SOFT * np.max(values, initial=0.0)])
+    return np.asarray(right[values <= _SOFT * np.max(values, initial=size)])
 
 
 # -- polarisations ----------------------------------------------------------------------------------------------------
