@@ -167,6 +167,9 @@ def test_waves_without_an_amplitude_shift_are_refused():
             gp.amplitude_shift(network, q)
     with pytest.raises(InputError, match="branch"):
         gp.amplitude_shift(network, [0.1], 5)
+    twist = gp.AveragedLattice(gp.Packing(STEEL, D, lattice="chain", motions="all", torsion=0.02)).at_force(10.0)
+    with pytest.raises(InputError, match="only turn"):
+        gp.amplitude_shift(twist, [0.2], 2)
 
 
 # -- contacts ---------------------------------------------------------------------------------------------------------
