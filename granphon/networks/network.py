@@ -506,9 +506,8 @@ class ContactNetwork(Result):
             each["arm_i"] = np.where(has_i[lost], self.arm_i[which], self.arm_j[which])
             wall: dict[str, Any] = {name: np.bincount(place, one) / np.bincount(place) for name, one in each.items()}
             toward = out * (self.normal[which] @ turn.T[:, p])
-            wall |= {"i": at, "j": np.full(m, len(balls["masses"])), "arm_j": np.zeros(m)}
-            wall |= {"tangential_force": np.zeros((m, 3)), "shift": np.zeros((m, 3), np.intp)}
-            wall["normal"] = side * np.eye(3)[np.full(m, p)]
+            wall |= {"i": at, "j": np.full(m, len(balls["masses"])), "normal": side * np.eye(3)[np.full(m, p)]}
+            wall |= {"arm_j": np.zeros(m), "tangential_force": np.zeros((m, 3)), "shift": np.zeros((m, 3), np.intp)}
             wall["normal_force"] = np.bincount(place, self.normal_force[which] * toward)
             contacts = {name: np.concatenate([values, wall[name]]) for name, values in contacts.items()}
             spot = np.eye(3)[p] * np.mean(balls["positions"][at, p] + side * balls["radii"][at])
