@@ -195,7 +195,7 @@ class LongWaves(Compatibility):
             raise InputError("the balls touch bodies that do not move", why, "Use gp.Phonons or gp.Waves")
         if self.mechanism:
             mend = "Use bending, or a lattice with more contacts"
-            if not self.motions.rotate:
+            if not np.any(self.mindlin_ratio):
                 mend = "Use friction, or a lattice with more contacts"
             raise MechanismError(f"the lattice {self.name} is a mechanism", self.mechanism, mend)
 

@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.balls.motions import allowed_motions
-from granphon.base.errors import InputError, InstabilityError
+from granphon.base.errors import InputError, InstabilityError, MechanismError
 
 ETA = 2 * (1 - 0.276) / (2 - 0.276)
 
@@ -225,6 +225,11 @@ def test_overlap_that_buckles_the_lattice(smooth, packing):
 )
 def test_of_several_strains_that_cost_nothing_a_plain_one_is_told(lattice, strain):
     assert f"The strain {strain} costs no energy" in gp.ContactLattice.of(lattice, 0.0).mechanism
+
+
+def test_a_mechanism_without_friction_is_mended_by_friction_where_contacts_bend():
+    with pytest.raises(MechanismError, match="Use friction"):
+        gp.ContactLattice.of("square", 0.0, bending=0.03).sound_velocities([1.0, 0.0])
 
 
 @pytest.mark.parametrize("torsion", [1e-5, 1e-3])
