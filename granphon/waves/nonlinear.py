@@ -636,7 +636,7 @@ class _System:
         i, j, shift = round_ones[i], round_ones[j], np.zeros((len(i), 3), np.intp)
         shift[:, list(network.pbc)] = cells
         flat = np.isinf(network.distance)
-        for wall in np.unique(network.j[flat & np.isinf(network.radii[network.j])]):
+        for wall in np.unique(network.j[flat]):
             one = np.flatnonzero(flat & (network.j == wall))[0]
             plane = places[wall] - network.positions[wall] + network.positions[network.i[one]]
             plane = plane + network.arm_i[one] * network.normal[one]
