@@ -22,7 +22,7 @@ from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
 from granphon.base.scales import prefixed
 from granphon.base.text import counted
-from granphon.base.validation import finite_array
+from granphon.base.validation import finite_array, one_of
 from granphon.figures.style import BLUE, GUIDE, PAGE_WIDTH, STYLE, VERMILION, colour_kinds  # fmt: skip
 from granphon.media.state import ContactState
 from granphon.networks.network import ContactNetwork
@@ -36,7 +36,7 @@ _TINTS = (_BALL, "#cfe3f3", "#f7dcc4", "#d5ead3", "#e4d9ee", "#f3e6b3")
 _LEVEL = 1e-6
 #: what of the contacts may be shown
 Show = Literal["auto", "all", "window", "density"]
-_SHOWS = ("all", "window", "density")
+_SHOWS = ("all", "window", "density", "auto")
 #: the greatest length of an array whose contacts are all drawn, in diameters
 _MOST_DIAMETERS = 48.0
 
@@ -68,8 +68,7 @@ def plot_forces(
     If ``ax`` is not given, a new figure, one column wide, is made. Raises :class:`~granphon.base.errors.InputError` for
     another word, for a window in which there is no ball, and for what is neither a sample nor a network.
     """
-    if show not in (*_SHOWS, "auto"):
-        raise InputError(f"show is {brief(show)}", mend=f"Use {', '.join(_SHOWS)} or auto")
+    one_of("show", show, _SHOWS)
     given: Any = sample
     if not isinstance(given, ContactNetwork | Sample):
         mend = "Give a sample, such as state.samples[0], or a gp.ContactNetwork"
