@@ -48,8 +48,8 @@ INNER = frozenset({
     "check_diameter", "check_state", "cached", "reference_lattice", "has_one_lattice", "velocity_scale",
     "unit_length", "overlap_of_equal_balls", "branch_scales", "prescribed",
     "require", "discard_results_on_any_change", "implemented_properties", "set", "units_of", "flat", "describe",
-    "width_units", "response", "tally", "plan", "survey", "serving", "is_exact", "operator", "parameters_of_branches",
-    "waves_need_arrays", "to_info",
+    "width_units", "response", "plan", "survey", "serving", "is_exact", "operator", "parameters_of_branches",
+    "to_info",
     "arrays", "long_law", "prepare", "slow_part", "is_solved_anew", "count_start", "require_start",
 })  # fmt: skip
 
@@ -115,7 +115,8 @@ def _stands_apart(obj: Any, name: str) -> bool:
 
 
 def _say_types(text: str) -> str:
-    """Types as a text of annotations has them, with their aliases said."""
+    """Types as a text of annotations has them, with their aliases said; of fields without their shapes and units."""
+    text = re.sub(r"""~?(?:typing\.)?Annotated\[(.+?)(?:, (?:"[^"]*"|'[^']*'))+\]""", r"\1", text)
     return re.sub(r"(?<![\w.~'])\w+(?!\s*[(\w:=.\[])", lambda name: ALIASES.get(name[0], name[0]), text)
 
 

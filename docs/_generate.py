@@ -45,8 +45,7 @@ from typer.models import OptionInfo
 
 from granphon.balls.diameters import Normal
 from granphon.balls.material import Material
-from granphon.balls.packing import Packing
-from granphon.balls.parameters import PARAMETERS
+from granphon.balls.packing import PARAMETERS, Packing
 from granphon.base.errors import Refused
 from granphon.base.quantities import DENSITY, FREQUENCY, LENGTH, LOADS, MODULUS, TIME, WIDTH
 from granphon.base.results import Result

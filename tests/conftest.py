@@ -32,7 +32,7 @@ from hypothesis import settings
 import granphon as gp
 from granphon.base.registry import Registry
 
-#: of each property; .ci/run tries more
+#: of each property; ".ci/run all" tries more
 EXAMPLES = int(os.environ.get("GRANPHON_TEST_EXAMPLES", "25"))
 settings.register_profile("granphon", deadline=None, derandomize=True, max_examples=EXAMPLES)
 settings.load_profile("granphon")

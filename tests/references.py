@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.distributions import PointShape, Shape
+from granphon.balls.diameters import PointShape, Shape
 from granphon.balls.hertz import STIFFNESS
 from granphon.base.errors import PrecisionError
 from granphon.dynamics.contact_lattice import ContactLattice

@@ -219,16 +219,16 @@ def test_a_scene_that_was_made_in_python_sweeps_like_one_that_was_read_and_like_
 @pytest.mark.claim("exponent-cost")
 def test_samples_are_simulated_once_however_often_they_are_asked(steel, monkeypatch):
     from granphon.array import sample as samples
-    from granphon.media import equilibria
+    from granphon.media import loading
 
     loads: list[object] = []
-    solve = equilibria.equilibrate
+    solve = loading.equilibrate
 
     def counted(deviations, load, *rest, **named):
         loads.append(load)
         return solve(deviations, load, *rest, **named)
 
-    for module in (samples, equilibria):
+    for module in (samples, loading):
         monkeypatch.setattr(module, "equilibrate", counted)
     packing = gp.Packing(steel, 8e-3, spread=gp.Uniform(2e-6))
     state = gp.DirectSimulation(packing, shape=(8, 8), samples=2).at_force(np.array([10.0, 20.0]))

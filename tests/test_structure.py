@@ -77,7 +77,7 @@ NOT_HERTZ = {
     "array/friction.py:_lose_rising": "integrals of powers of h^(1/2): the closed form of Hertz and Mindlin in one step",
     "array/friction.py:_lose_falling": "the same",
     "balls/ball.py:__post_init__": "inertia of a shell over that of a solid ball",
-    "balls/distributions.py:cut_rms": "argument of the gamma function",
+    "balls/diameters.py:cut_rms": "argument of the gamma function",
     "balls/lattices.py:": "places in a cell",
     "dynamics/contact_lattice.py:top_frequency": "wave vectors",
     "dynamics/local_field.py:compute_xi": "equations 35 and 45: six contacts at 60 degrees",

@@ -17,11 +17,11 @@ import numpy as np
 import pytest
 
 import granphon as gp
-from granphon.balls.distributions import MOST_POINTS, NormalShape, UniformShape
+from granphon.balls.diameters import MOST_POINTS, NormalShape, UniformShape
 from granphon.balls.hertz import STIFFNESS
 from granphon.dynamics.local_field import local_field
 from granphon.laws.effective import effective_curve
-from granphon.media.mean_field import LawMedium
+from granphon.media.medium import LawMedium
 from tests.conftest import only
 from tests.laws.test_effective import kinds
 from tests.references import balance

@@ -20,7 +20,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -107,9 +107,7 @@ class Equilibrium(Result):
     In arrays of contacts the first axis is the kind of contact, in the order of the lattice's table: (n_c, L1, ..., Lp).
     """
 
-    _shapes = {"deviations": "..."}
-
-    deviations: Array
+    deviations: Annotated[Array, "..."]
     overlap: float
     balls: Array
     residual: float = math.inf

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -65,30 +65,21 @@ class PressedHexagon(Result):
     residual : largest force left on a ball or a wall, divided by the mean contact force.
     """
 
-    units = {
-        "side_force": "N", "sites": "m", "deviations": "m", "displacements": "m", "retreats": "m", "forces": "N",
-        "wall_forces": "N", "wall_coefficient": "N/m^(3/2)",
-    }  # fmt: skip
-    _shapes = {
-        "sites": "b 2", "deviations": "b", "displacements": "b 2", "retreats": "6", "i": "c", "j": "c", "normal": "c 2",
-        "ball": "w", "wall": "w", "forces": "c", "wall_forces": "w",
-    }  # fmt: skip
-
     packing: Packing
     balls_per_side: int
-    side_force: float
-    sites: Array
-    deviations: Array
-    displacements: Array
-    retreats: Array
-    i: NDArray[np.intp]
-    j: NDArray[np.intp]
-    normal: Array
-    ball: NDArray[np.intp]
-    wall: NDArray[np.intp]
-    forces: Array
-    wall_forces: Array
-    wall_coefficient: float
+    side_force: Annotated[float, "", "N"]
+    sites: Annotated[Array, "b 2", "m"]
+    deviations: Annotated[Array, "b", "m"]
+    displacements: Annotated[Array, "b 2", "m"]
+    retreats: Annotated[Array, "6", "m"]
+    i: Annotated[NDArray[np.intp], "c"]
+    j: Annotated[NDArray[np.intp], "c"]
+    normal: Annotated[Array, "c 2"]
+    ball: Annotated[NDArray[np.intp], "w"]
+    wall: Annotated[NDArray[np.intp], "w"]
+    forces: Annotated[Array, "c", "N"]
+    wall_forces: Annotated[Array, "w", "N"]
+    wall_coefficient: Annotated[float, "", "N/m^(3/2)"]
     residual: float
 
     @property

@@ -28,7 +28,7 @@ from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import ADHESION, LOADS, Quantity, is_si
 from granphon.base.registry import Registry
-from granphon.base.validation import Rule, above_zero, choice, label, not_negative, number, positive, real_array, require
+from granphon.base.validation import Rule, above_zero, label, not_negative, number, one_of, positive, real_array, require
 
 #: overlaps, over the radius of a contact, at which a user's law is compared with its derivatives
 _PROBES = np.array([1e-6, 1e-5, 1e-4, 1e-3])
@@ -540,7 +540,7 @@ def find_law(law: Any) -> Any:
     """Return the law of a name; what is no text is returned itself. Raises :class:`InputError` for a name without a law."""
     if not isinstance(law, str):
         return law
-    found = LAWS[require("law", partial(choice, options=LAWS), law)]
+    found = LAWS[one_of("law", law, LAWS)]
     if found.numbers:
         what = f"the contact law {law!r} has numbers: {', '.join(found.numbers)}"
         raise InputError(what, mend=f"Give it as {found.law.__name__}({', '.join(found.numbers)})")

@@ -1,38 +1,414 @@
-"""How the diameters of the balls differ: distributions in metres, and samples.
+"""How the diameters of the balls differ: distributions, averages of the contact force over them, and samples.
 
 Section III.A of Velicky and Caroli, Phys. Rev. E 65, 021307 (2002). Deviations Delta are from the mean diameter; the width
-is W = sqrt(12) Delta_rms, the full width of the uniform distribution (below (19) the root is on the wrong side).
+is W = sqrt(12) Delta_rms, the full width of the uniform distribution (below (19) the root is on the wrong side). A
+:class:`Spread` is a distribution in metres; the :class:`Shape` that it has is the distribution of x = Delta/W.
+
+All averages are functions of the shape and of y = (d - a)/W, the overlap of balls of the mean diameter. What is averaged is
+(y + (x + x')/2)_+^p, a power of the overlap of two balls, in W: p = 3/2 gives the force in units of (2/3) E* d^(1/2)
+W^(3/2), 1/2 and -1/2 give its derivatives by y, 0 counts contacts.
+
+Integrals are taken over the square root of the overlap: in it the powers are polynomials, smooth where a contact opens, and
+all terms of the sums are positive. For the uniform distribution, Gauss rules of 3 or 4 nodes replace the printed closed
+forms, and keep the digits that those lose at some y.
 """
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
+from itertools import pairwise
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.distributions import (
-    GRAIN,
-    NormalShape,
-    PointShape,
-    Shape,
-    UniformShape,
-    condense,
-    cut_rms,
-    find_quantiles,
-    merge,
-)
+from granphon.balls.hertz import EXPONENT
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import LENGTH
 from granphon.base.tables import Table
 from granphon.base.validation import finite_list, not_negative, positive, whole_number
+
+#: an analytic piece of a distribution: (start, end, density as a function of t, t - start and end - t)
+Piece = tuple[float, float, Callable[[Array, Array, Array], Array]]
+#: x of listed diameters is rounded to a multiple of this, so that diameters of the same shape and another W compare equal
+GRAIN = 2.0**-40
+#: most points of a shape; more different diameters are condensed to this many or fewer
+MOST_POINTS = 192
+#: most numbers in an array while averages are computed; larger arrays are worked through in blocks
+_NUMBERS_AT_ONCE = 2**20
+
+
+# -- distributions of deviations over the width -------------------------------------------------------------------------
+
+
+class Nodes(NamedTuple):
+    """A quadrature over the central ball: positions x_Q, and weights that sum to one, of the same shape."""
+
+    positions: Array
+    weights: Array
+
+
+@dataclass(frozen=True)
+class Shape(ABC):
+    """The distribution of x = Delta/W, with mean 0 and rms 1/sqrt(12); compared and hashed by value.
+
+    Methods take scalars or arrays that broadcast, and return floats for floats. Given the position ``x`` of the central
+    ball, they average over the other ball (F^Q of equation 28); without it, over both (F_ave of equation 25).
+    """
+
+    @property
+    @abstractmethod
+    def bounds(self) -> tuple[float, float]:
+        """Smallest and largest x; all contacts are open at y <= -largest, and all are closed at y > -smallest."""
+
+    @property
+    @abstractmethod
+    def openings(self) -> Array:
+        """(n,) values of y, ascending; between each and the next, averages are smooth functions of y."""
+
+    @abstractmethod
+    def quantile(self, probability: ArrayLike) -> Any:
+        """The x below which the part ``probability`` of the balls lies."""
+
+    @abstractmethod
+    def nodes(self, y: ArrayLike, order: int = 32, whole: bool = False) -> Nodes:
+        """Quadrature over the central ball for smooth functions of F^Q(y) and K^Q(y); arrays of shape (*y.shape, n).
+
+        For densities n = 1 + 2 ``order`` (more beyond a cutoff of 3). The range of x_Q is split into three at
+        y + x_Q/2 = -+max(x)/2. The part below the first of these, where F^Q = 0, gets one node; each of the other two gets
+        ``order`` Gauss nodes in the square root of the distance to the singularity at or below its lower end. Convergence is
+        exponential. With ``whole`` the part where F^Q = 0 gets ``order`` nodes as well, for functions of x_Q itself.
+
+        For listed diameters every point is a node, and the result is exact at any ``order``.
+        """
+
+    @abstractmethod
+    def _average(self, overlap: Array, power: float, pairs: bool) -> Array:
+        """Average over both balls, <(y + (x + x')/2)_+^p>, where ``overlap`` is y.
+
+        Without ``pairs`` it is over the other ball alone, <(s + x'/2)_+^p>, where ``overlap`` is s = y + x/2.
+        """
+
+    def average(self, y: ArrayLike, power: float, x: ArrayLike | None = None) -> Any:
+        """Average power of the overlap, <(y + (x + x')/2)_+^p> with p = -1/2, 0, 1/2 ... 3, and 0^p = 0.
+
+        Raises :class:`InputError` for another power.
+        """
+        if power not in np.arange(-0.5, 3.1, 0.5):
+            raise InputError(f"power is {power!r}", mend="Give a multiple of 1/2 from -1/2 to 3")
+        if x is None:
+            return self._average(np.asarray(y, float), power, True)[()]
+        return self._average(np.asarray(y, float) + 0.5 * np.asarray(x, float), power, False)[()]
+
+    def force(self, y: ArrayLike, x: ArrayLike | None = None) -> Any:
+        """Average force F_ave (equation 25) or F^Q (equation 28), in units of (2/3) E* d^(1/2) W^(3/2)."""
+        return self.average(y, EXPONENT, x)
+
+    def stiffness(self, y: ArrayLike, x: ArrayLike | None = None) -> Any:
+        """Average stiffness dF_ave/dy or K^Q = dF^Q/dy (equation 30)."""
+        return EXPONENT * self.average(y, EXPONENT - 1.0, x)
+
+    def stiffness_slope(self, y: ArrayLike, x: ArrayLike | None = None) -> Any:
+        """Second derivative d^2F/dy^2 of F_ave or F^Q; for listed diameters it is unbounded just above an opening."""
+        return EXPONENT * (EXPONENT - 1.0) * self.average(y, EXPONENT - 2.0, x)
+
+
+class _Density(Shape):
+    """A density on [-b, b]: symmetric, analytic inside, cut at the ends."""
+
+    _edge: float
+    #: factor from the order to the number of Gauss nodes
+    _stretch: int = 1
+
+    @abstractmethod
+    def _compute_density(self, x: Array) -> Array:
+        """Density of balls: their fraction per unit of x."""
+
+    @abstractmethod
+    def _compute_fraction_below(self, x: Array) -> Array:
+        """Fraction of the balls below x."""
+
+    @abstractmethod
+    def _divide(self, power: float, pairs: bool) -> tuple[list[Piece], int]:
+        """Return the pieces of the distribution of (x + x')/2, or of x'/2, and the number of Gauss nodes on each."""
+
+    def _average(self, overlap: Array, power: float, pairs: bool) -> Array:
+        """The integral of density(t) (y + t)_+^p over the pieces, by Gauss nodes in (y + t)^(1/2)."""
+        pieces, order = self._divide(power, pairs)
+
+        def evaluate(flat: Array) -> Array:
+            y = flat[:, None]
+            total = np.zeros(len(y))
+            for start, end, density in pieces:
+                first = np.maximum(start, -y)
+                length = np.maximum(np.where(first > start, end + y, end - start), 0.0)
+                root, rise, fall, weight = _make_root_nodes(np.maximum(start + y, 0.0), length, order)
+                value = density(first + rise, (first - start) + rise, fall)
+                total += np.sum(2.0 * _raise_to_power(root, round(2.0 * power + 1.0)) * value * weight, axis=-1)
+            return total
+
+        return evaluate_in_blocks(evaluate, overlap, _NUMBERS_AT_ONCE // order)
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Smallest and largest x: -b, b."""
+        return -self._edge, self._edge
+
+    @property
+    def openings(self) -> Array:
+        """(3,) values of y, -b, 0, b: at each an average has a term with a half-integer power."""
+        return np.array([-self._edge, 0.0, self._edge])
+
+    def nodes(self, y: ArrayLike, order: int = 32, whole: bool = False) -> Nodes:
+        """As :meth:`Shape.nodes`."""
+        values, edge = np.asarray(y, float)[..., np.newaxis], self._edge
+        first = np.clip(-2.0 * values - edge, -edge, edge)
+        if whole:
+            places, shares = _make_gauss_rule(order * self._stretch)
+            positions = [(first + edge) * places - edge]
+            weights = [(first + edge) * shares * self._compute_density(positions[0])]
+        else:
+            positions, weights = [0.5 * (first - edge)], [self._compute_fraction_below(first)]
+        # two parts; each begins at x = first, where s = y + x/2 is ``start`` above the singularity, and is ``length`` long
+        some = (first, np.maximum(values, 0.0), np.maximum(edge - np.abs(values), 0.0))
+        every = (np.clip(edge - 2.0 * values, -edge, edge), np.maximum(values - edge, 0.0), np.clip(values, 0.0, edge))
+        for first, start, length in (some, every):
+            root, rise, _, weight = _make_root_nodes(start, length, order * self._stretch)
+            positions.append(first + 2.0 * rise)
+            weights.append(4.0 * root * weight * self._compute_density(positions[-1]))
+        return Nodes(np.concatenate(positions, axis=-1), np.concatenate(weights, axis=-1))
+
+
+@dataclass(frozen=True)
+class UniformShape(_Density):
+    """The uniform distribution, even on [-1/2, 1/2]. Averages are exact to rounding."""
+
+    _edge = 0.5
+
+    def _compute_density(self, x: Array) -> Array:
+        return np.ones_like(x)
+
+    def _compute_fraction_below(self, x: Array) -> Array:
+        return x + 0.5
+
+    def quantile(self, probability: ArrayLike) -> Any:
+        """The x below which the part u = ``probability`` of the balls lies: u - 1/2."""
+        return (np.asarray(probability, float) - 0.5)[()]
+
+    def _divide(self, power: float, pairs: bool) -> tuple[list[Piece], int]:
+        if not pairs:
+            # equal to 2/(p+1) times the first difference of s_+^(p+1) over -+1/4; degree 2p + 1 in the root
+            return [(-0.25, 0.25, lambda t, rise, fall: np.full_like(t, 2.0))], math.ceil(power) + 1
+        # equal to 4/((p+1)(p+2)) times the second difference of y_+^(p+2) over -+1/2; degree 2p + 3 in the root
+        rising: Piece = (-0.5, 0.0, lambda t, rise, fall: 4.0 * rise)
+        return [rising, (0.0, 0.5, lambda t, rise, fall: 4.0 * fall)], math.ceil(power) + 2
+
+
+@dataclass(frozen=True)
+class NormalShape(_Density):
+    """A normal density, cut at ``cutoff`` times the standard deviation that it has before the cut."""
+
+    cutoff: float
+
+    @cached_property
+    def _std(self) -> float:
+        return 1.0 / (math.sqrt(12.0) * cut_rms(self.cutoff))
+
+    @cached_property
+    def _edge(self) -> float:  # type: ignore[override]
+        return self.cutoff * self._std
+
+    @cached_property
+    def _stretch(self) -> int:  # type: ignore[override]
+        return math.ceil(self.cutoff / 3.0)
+
+    @cached_property
+    def _kept(self) -> float:
+        return math.erf(self.cutoff / math.sqrt(2.0))
+
+    def _compute_density(self, x: Array) -> Array:
+        return np.asarray(np.exp(-0.5 * (x / self._std) ** 2) / (self._std * math.sqrt(2.0 * math.pi) * self._kept))
+
+    def _compute_fraction_below(self, x: Array) -> Array:
+        from scipy.special import erf
+
+        return np.asarray(0.5 + 0.5 * erf(x / (self._std * math.sqrt(2.0))) / self._kept)
+
+    def quantile(self, probability: ArrayLike) -> Any:
+        """The x below which the part ``probability`` of the balls lies, computed from the nearer end for its digits."""
+        from scipy.special import ndtri
+
+        off = np.asarray(probability, float) - 0.5
+        tail = 0.5 * math.erfc(self.cutoff / math.sqrt(2.0)) + self._kept * (0.5 - np.abs(off))
+        return (np.sign(off) * self._std * np.clip(-ndtri(tail), 0.0, self.cutoff))[()]
+
+    def _divide(self, power: float, pairs: bool) -> tuple[list[Piece], int]:
+        from scipy.special import erf
+
+        # pieces of [-b, b], at most 3 std long, that meet at 0
+        panels = pairwise(np.linspace(-self._edge, self._edge, 2 * self._stretch + 1).tolist())
+        if not pairs:
+            return [(0.5 * a, 0.5 * b, lambda t, rise, fall: 2.0 * self._compute_density(2.0 * t)) for a, b in panels], 24
+
+        def piece(a: float, b: float) -> Piece:
+            def density(t: Array, rise: Array, fall: Array) -> Array:
+                # with x = t + v and x' = t - v this is the integral over |v| < b - |t|; b - |t| keeps its digits at the ends
+                room = rise + (a + self._edge) if b <= 0.0 else fall + (self._edge - b)
+                scale = math.sqrt(math.pi) * self._std * self._compute_density(np.zeros(())) ** 2
+                return np.asarray(2.0 * scale * np.exp(-((t / self._std) ** 2)) * erf(room / self._std))
+
+            return a, b, density
+
+        return [piece(a, b) for a, b in panels], 24
+
+
+@dataclass(frozen=True)
+class PointShape(Shape):
+    """Points at ascending ``positions`` x with ``weights`` that sum to one: averages are finite sums.
+
+    Equal balls are one point at x = 0.
+    """
+
+    positions: tuple[float, ...]
+    weights: tuple[float, ...]
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Smallest and largest x: the first and the last position."""
+        return self.positions[0], self.positions[-1]
+
+    @cached_property
+    def _points(self) -> tuple[Array, Array]:
+        return np.array(self.positions), np.array(self.weights)
+
+    @cached_property
+    def _pairs(self) -> tuple[Array, Array]:
+        x, w = self._points
+        i, j = np.triu_indices(x.size)
+        return merge(0.5 * (x[i] + x[j]), w[i] * w[j] * np.where(i == j, 1.0, 2.0))
+
+    @property
+    def openings(self) -> Array:
+        """(n,) the different values of y = -(x_i + x_j)/2 over all pairs, ascending."""
+        return -self._pairs[0][::-1]
+
+    def quantile(self, probability: ArrayLike) -> Any:
+        """The x below which the part ``probability`` of the balls lies: a step function."""
+        x, w = self._points
+        return x[find_quantiles(w, np.asarray(probability, float))][()]
+
+    def nodes(self, y: ArrayLike, order: int = 32, whole: bool = False) -> Nodes:
+        """As :meth:`Shape.nodes`."""
+        return Nodes(*(np.broadcast_to(values, (*np.shape(y), values.size)) for values in self._points))
+
+    def _average(self, overlap: Array, power: float, pairs: bool) -> Array:
+        """The sum of w (y + t)_+^p over the places t of pairs, or of single balls, with their weights w."""
+        x, w = self._points
+        places, weights = self._pairs if pairs else (0.5 * x, w)
+
+        def evaluate(y: Array) -> Array:
+            gap = y[:, None] + places
+            root = np.sqrt(np.where(gap > 0.0, gap, np.inf if power < 0.0 else 0.0))
+            terms = _raise_to_power(root, round(2.0 * power)) if power else np.asarray(gap > 0.0, float)
+            return np.asarray(np.sum(terms * weights, axis=-1))  # not @, whose rounding depends on the other rows
+
+        return evaluate_in_blocks(evaluate, overlap, _NUMBERS_AT_ONCE // places.size)
+
+
+@lru_cache(maxsize=64)
+def _make_gauss_rule(order: int) -> tuple[Array, Array]:
+    """Gauss-Legendre nodes and weights on [0, 1]."""
+    nodes, weights = np.polynomial.legendre.leggauss(order)
+    return 0.5 * (nodes + 1.0), 0.5 * weights
+
+
+def _make_root_nodes(start: Array, length: Array, order: int) -> tuple[Array, Array, Array, Array]:
+    """Gauss nodes u = v^(1/2) for v in [start, start + length], along the last axis, which has length 1 in the arguments.
+
+    Returns u, v - start, start + length - v and the weights of du. No two nearly equal numbers are subtracted.
+    """
+    nodes, weights = _make_gauss_rule(order)
+    low, high = np.sqrt(start), np.sqrt(start + length)
+    step = np.divide(length, low + high, out=np.zeros_like(length), where=length > 0.0)
+    root = low + nodes * step
+    return root, nodes * step * (root + low), (1.0 - nodes) * step * (root + high), weights * step
+
+
+def evaluate_in_blocks(evaluate: Callable[[Array], Array], values: Array, size: int) -> Array:
+    """Apply ``evaluate``, which maps (n,) to (n,), to an array of any shape, ``size`` numbers at a time."""
+    flat, size = values.reshape(-1), max(1, size)
+    return np.concatenate([evaluate(flat[i : i + size]) for i in range(0, max(1, flat.size), size)]).reshape(values.shape)
+
+
+def _raise_to_power(root: Array, exponent: int) -> Array:
+    """root^n for n from -1 to 7, by products: for most n numpy computes a general power, at ten times the cost."""
+    if exponent < 0:
+        return np.asarray(1.0 / root)
+    square = root * root
+    out = root if exponent % 2 else np.ones_like(root)
+    for _ in range(exponent // 2):
+        out = out * square
+    return out
+
+
+def find_quantiles(weights: Array, probability: Array) -> NDArray[np.intp]:
+    """Find the indices at which the running sum of the weights exceeds each probability."""
+    return np.minimum(np.searchsorted(np.cumsum(weights), probability, side="right"), weights.size - 1)
+
+
+def merge(places: Array, weights: Array) -> tuple[Array, Array]:
+    """Merge equal places: return the different places with weight above zero, ascending, and the sums of their weights."""
+    different, index = np.unique(places[weights > 0.0], return_inverse=True)
+    return different, np.bincount(index, weights[weights > 0.0]).astype(float)
+
+
+def condense(places: Array, weights: Array, most: int = MOST_POINTS) -> tuple[Array, Array]:
+    """Condense many places (ascending) to at most ``most``: the first, the last, and two in each of the cells between.
+
+    The two are a Gauss quadrature: each cell keeps its weight and its first three moments, so that only pairs near the kink
+    are in error. Cells are narrower where there are many balls: the edges are evenly spaced in 0.3 times the fraction of the
+    balls below plus 0.7 times the fraction of the range below. As the widths of cells differ, their pairs open at different
+    places, and the errors do not add up.
+
+    Errors against all pairs of 2500 to 1e4 balls (uniform, normal, log-normal, of two kinds), with 192 places: 4e-6 of
+    F_ave and 4e-4 of K_ave from f* = 1e-3 on, 2e-7 and 5e-5 from 0.08 on, 1e-12 with all contacts closed; sampling noise is
+    1e-3 or more.
+    """
+    if places.size <= most:
+        return places, weights
+    cells = most // 2 - 1
+    below = (np.cumsum(weights) - 0.5 * weights) / np.sum(weights)
+    even = 0.3 * below + 0.7 * (places - places[0]) / (places[-1] - places[0])
+    cell = np.minimum(np.floor(even * cells), cells - 1.0)
+    cell[[0, -1]] = -1.0, cells
+    _, cell, count = np.unique(cell, return_inverse=True, return_counts=True)
+    mass = np.bincount(cell, weights)
+    mean = np.bincount(cell, weights * places) / mass
+    off = places - mean[cell]
+    std = np.sqrt(np.bincount(cell, weights * off**2) / mass)
+    skew = 0.5 * np.bincount(cell, weights * off**3) / (mass * np.where(count > 2, std, 1.0) ** 3)
+    few, many, reach = count[cell] <= 2, count > 2, np.hypot(1.0, skew)
+    new = [(mean + std * (skew + side * reach), 0.5 * mass * (1.0 - side * skew / reach)) for side in (-1.0, 1.0)]
+    x = np.concatenate([places[few], *(place[many] for place, _ in new)])
+    return merge(x, np.concatenate([weights[few], *(share[many] for _, share in new)]))
+
+
+@lru_cache(maxsize=64)
+def cut_rms(cutoff: float) -> float:
+    """Root mean square of a normal distribution of standard deviation 1 that is cut at +-cutoff."""
+    from scipy.special import gammainc
+
+    return math.sqrt(gammainc(1.5, 0.5 * cutoff * cutoff) / gammainc(0.5, 0.5 * cutoff * cutoff))
+
+
+# -- distributions of diameters, and samples ----------------------------------------------------------------------------
+
 
 #: smallest fraction of a kind of balls: with a rarer kind, W is so small against the kind's deviation that the laws lose
 #: their digits

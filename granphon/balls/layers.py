@@ -12,7 +12,7 @@ from granphon.balls.contact_table import TOUCH, contact_frames
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, Refused, brief
 from granphon.base.text import counted, show
-from granphon.base.validation import each, is_one_of, is_whole, whole
+from granphon.base.validation import choice, each, is_whole, whole
 
 #: how an edge may be held
 EDGES = ("free", "clamped", "floor")
@@ -109,12 +109,13 @@ def read_axis(value: Any) -> Any:
     return each(words, partial(whole, low=-100, high=100), "Miller indices")
 
 
-def read_edges(edges: Any) -> tuple[str, str]:
-    """Return how the lower and the upper edge are held, from one word for both or two."""
-    words = (edges, edges) if isinstance(edges, str) else tuple(edges) if isinstance(edges, list | tuple) else (edges,)
-    if len(words) != 2 or not all(is_one_of(word, EDGES) for word in words):
-        raise InputError(f"edges is {brief(edges)}", mend="Give 'free', 'clamped' or 'floor', or two of these")
-    return words[0], words[1]
+def read_edges(value: Any) -> tuple[str, str]:
+    """Read how the lower and the upper edge are held, from one word for both or two; raises Refused for another value."""
+    words = value.split() if isinstance(value, str) else value
+    if not isinstance(words, list | tuple) or len(words) not in (1, 2):
+        raise Refused(show(value), f"one word for both faces, or two for the lower and the upper: {', '.join(EDGES)}")
+    found = [choice(word, EDGES) for word in words]
+    return found[0], found[-1]
 
 
 def find_faces(heights: Array, radii: Array, edges: tuple[str, str], n: int) -> tuple[Index, Index]:

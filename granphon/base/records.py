@@ -21,20 +21,6 @@ from numpy.typing import NDArray
 from granphon.base.errors import InputError, MissingFileError, OutputError, StoppedEarlyWarning
 
 Array = NDArray[Any]
-#: tags of a header of netCDF's classic format: of three lists, and of two types
-_DIMENSIONS, _VARIABLES, _ATTRIBUTES, _CHARACTERS, _DOUBLES = 10, 11, 12, 2, 6
-
-
-def _text(value: str) -> bytes:
-    raw = value.encode()
-    return struct.pack(">i", len(raw)) + raw + b"\0" * (-len(raw) % 4)
-
-
-def _attributes(values: Mapping[str, str]) -> bytes:
-    if not values:
-        return struct.pack(">ii", 0, 0)
-    parts = [_text(name) + struct.pack(">i", _CHARACTERS) + _text(value) for name, value in values.items()]
-    return struct.pack(">ii", _ATTRIBUTES, len(parts)) + b"".join(parts)
 
 
 def hold(file: BinaryIO) -> None:
@@ -72,32 +58,33 @@ class RecordFile:
         self, path: str | os.PathLike[str] | BinaryIO, fixed: Mapping[str, tuple[Array, tuple[str, ...]]],
         growing: Mapping[str, tuple[tuple[int, ...], tuple[str, ...]]], units: Mapping[str, str], about: Mapping[str, str],
     ) -> None:  # fmt: skip
+        from scipy.io import netcdf_file
+
         self._count, self._growing = 0, growing
-        sizes: dict[str, int] = {"time": 0}
+        sizes: dict[str, int] = {}
         for shape, names in [*((array.shape, names) for array, names in fixed.values()), *growing.values()]:
             sizes |= dict(zip(names, shape, strict=True))
-        places = {name: number for number, name in enumerate(sizes)}
-        head = _attributes(about)
-        dims = b"".join(_text(name) + struct.pack(">i", size) for name, size in sizes.items())
-        start = b"CDF\x02" + struct.pack(">iii", 0, _DIMENSIONS, len(sizes)) + dims + head
-        start += struct.pack(">ii", _VARIABLES, len(fixed) + len(growing))
-        rows = [(name, names, array.size) for name, (array, names) in fixed.items()]
-        rows += [(name, ("time", *names), int(np.prod(shape, dtype=int))) for name, (shape, names) in growing.items()]
-        parts = []
-        for name, names, size in rows:
-            ids = [len(names), *(places[one] for one in names)]
-            unit = {"units": units[name]} if name in units else {}
-            entry = _text(name) + struct.pack(f">{len(ids)}i", *ids) + _attributes(unit)
-            parts.append((entry + struct.pack(">iI", _DOUBLES, min(8 * size, 2**32 - 4)), 8 * size))
-        place = len(start) + sum(len(entry) + 8 for entry, _ in parts)
-        for entry, size in parts:
-            start += entry + struct.pack(">q", place)
-            place += size
+        head = BytesIO()
+        layout: Any = netcdf_file(head, "w", version=2)
+        for name, size in {"time": None, **sizes}.items():
+            layout.createDimension(name, size)
+        for name, text in about.items():
+            setattr(layout, name, text)
+        for name, (array, names) in fixed.items():
+            layout.createVariable(name, "d", names)[...] = array
+        for name, (shape, names) in growing.items():
+            layout.createVariable(name, "d", ("time", *names))[0] = np.zeros(shape)
+        for name, variable in layout.variables.items():
+            if name in units:
+                variable.units = units[name]
+        layout.flush()
+        # all of it but its one record, which is there because scipy finds from it how long records are
+        start = head.getvalue()[: -8 * sum(int(np.prod(shape, dtype=int)) for shape, _ in growing.values())]
         # it is open as long as the object is
         self._file = open(path, "wb") if isinstance(path, str | os.PathLike) else path  # noqa: SIM115
         if self._file is not path:
             hold(self._file)
-        self._file.write(start + b"".join(array.astype(">f8").tobytes() for array, _ in fixed.values()))
+        self._file.write(start[:4] + struct.pack(">i", 0) + start[8:])
         self._file.flush()
 
     def append(self, values: Mapping[str, Any]) -> None:

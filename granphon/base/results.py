@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass
@@ -102,10 +103,12 @@ def read_only(values: Any, dtype: Any = None) -> np.ndarray[Any, Any]:
 class Result:
     """Base of the frozen result classes.
 
-    A subclass declares its fields, ``units`` (the SI unit of each field that has one), ``_shapes`` (the shapes of its
-    arrays) and, when the meaning of a field changes, a higher ``_schema``. ``_notebook_fields`` names
-    properties, quick to find, that a notebook shows after the fields. Arrays are made read-only; scalars stay floats. Two
-    results are equal if all their compared fields are equal, array by array; ``repr`` shows a large array by its shape.
+    An annotation ``Annotated[Array, "f n 3", "m/s"]`` says the shape of a field, and its SI unit if it has one; of a number
+    the shape is "". They are in ``units`` and ``_shapes`` of the class; those of properties are written there. When the
+    meaning of a field changes, a subclass has a higher ``_schema``. ``_notebook_fields`` names properties, quick to find,
+    that a notebook shows after the fields. Arrays are made read-only; scalars stay floats. Two results are equal if all
+    their compared fields are equal, array by array; ``repr`` shows a large array by its shape.
+    ``class Spectrum(Result, array="values")`` has a field that ``np.asarray`` of it is.
 
     A shape is a text of sizes parted by spaces: a number; a letter, which means the same size in all shapes of the class;
     or a letter plus a number, "s+1". "..." at the beginning stands for the shape of the load, "|" parts layouts that are
@@ -113,9 +116,18 @@ class Result:
     """
 
     _schema: ClassVar[int] = 1
-    units: ClassVar[Mapping[str, str]] = {}
-    _shapes: ClassVar[Mapping[str, str]] = {}
+    units: ClassVar[dict[str, str]] = {}
+    _shapes: ClassVar[dict[str, str]] = {}
     _notebook_fields: ClassVar[tuple[str, ...]] = ()
+
+    def __init_subclass__(cls, array: str = "", **options: Any) -> None:
+        super().__init_subclass__(**options)
+        own = {name: ast.parse(said, mode="eval").body for name, said in cls.__annotations__.items() if "Annotated[" in said}
+        told = {name: [ast.literal_eval(one) for one in found.slice.elts[1:]] for name, found in own.items()}
+        cls._shapes = cls._shapes | {name: shape for name, (shape, *_) in told.items() if shape}
+        cls.units = cls.units | {name: unit for name, (_, *units) in told.items() for unit in units}
+        if array:
+            cls.__array__ = lambda self, dtype=None, copy=None: np.array(getattr(self, array), dtype)  # type: ignore[attr-defined]
 
     def __post_init__(self) -> None:
         for name, value in list(vars(self).items()):

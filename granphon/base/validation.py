@@ -347,6 +347,8 @@ def _named(rule: Callable[Concatenate[Any, Options], Value]) -> Callable[Concate
 real_array = _named(real_numbers)
 #: an array of one or more finite numbers in an SI unit
 finite_array = _named(finite_numbers)
+#: a word among the options
+one_of = _named(choice)
 #: frequencies, Hz
 frequency_array = _named(frequencies)
 #: one number or a list of them, as plain floats

@@ -234,7 +234,7 @@ def measure_tradeoff(
     from granphon.base.quantities import TIME
     from granphon.base.staging import ResultFiles
     from granphon.base.validation import require
-    from granphon.media.friction_history import REFERENCE_OPTIONS, REST
+    from granphon.media.loading import REFERENCE_OPTIONS, REST
     from granphon.runs.store import open_store
     from granphon.runs.workers import open_executor, require_workers
     from granphon.scene.scene import WORK_FILE, Scene

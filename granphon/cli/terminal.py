@@ -183,7 +183,7 @@ def write_direction(given: Any) -> str:
 
 def describe_fit(fit: WidthFit) -> list[tuple[str, str]]:
     """Rows of a fit: its parameters with their standard errors, the data, and how well they agree."""
-    from granphon.balls.parameters import PARAMETERS
+    from granphon.balls.packing import PARAMETERS
 
     rows = []
     for name, value, error in zip(fit.parameters, fit.values.tolist(), fit.stderrs.tolist(), strict=True):

@@ -12,7 +12,7 @@ import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, Self, TypeVar
+from typing import Annotated, Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -64,19 +64,13 @@ class Modes(Result):
         and in space. The transverse part is the rest.
     """
 
-    units = {"wavevectors": "1/d", "frequencies": "(k/M)^1/2", "group_velocities": "d (k/M)^1/2"}
-    _shapes = {
-        "wavevectors": "q p", "frequencies": "q b", "eigenvectors": "q m b", "group_velocities": "q b p",
-        "rotational_fraction": "q b", "longitudinal_fraction": "q b", "out_of_plane_fraction": "q b",
-    }  # fmt: skip
-
-    wavevectors: Array
-    frequencies: Array
-    eigenvectors: NDArray[np.complex128]
-    group_velocities: Array
-    rotational_fraction: Array
-    longitudinal_fraction: Array
-    out_of_plane_fraction: Array
+    wavevectors: Annotated[Array, "q p", "1/d"]
+    frequencies: Annotated[Array, "q b", "(k/M)^1/2"]
+    eigenvectors: Annotated[NDArray[np.complex128], "q m b"]
+    group_velocities: Annotated[Array, "q b p", "d (k/M)^1/2"]
+    rotational_fraction: Annotated[Array, "q b"]
+    longitudinal_fraction: Annotated[Array, "q b"]
+    out_of_plane_fraction: Annotated[Array, "q b"]
 
     @property
     def transverse_fraction(self) -> Array:

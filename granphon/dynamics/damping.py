@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,7 +108,7 @@ def _read_pair(name: str, given: Any, contacts: int, unit: str) -> Array:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DampedModes(Result):
+class DampedModes(Result, array="frequencies"):
     """Modes that lose energy, u exp(2 pi i f t) with complex f; ``np.asarray`` of it is ``frequencies``.
 
     Attributes
@@ -119,15 +119,9 @@ class DampedModes(Result):
     qpoints : (n_q, 3) wave vectors, fractions of the reciprocal cell; None of a network.
     """
 
-    units = {"frequencies": "Hz"}
-    _shapes = {"frequencies": "q m|m", "vectors": "m n c?", "qpoints": "q 3?"}
-
-    frequencies: NDArray[np.complex128]
-    vectors: NDArray[np.complex128] | None = None
-    qpoints: Array | None = None
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        return np.array(self.frequencies, dtype)
+    frequencies: Annotated[NDArray[np.complex128], "q m|m", "Hz"]
+    vectors: Annotated[NDArray[np.complex128] | None, "m n c?"] = None
+    qpoints: Annotated[Array | None, "q 3?"] = None
 
     @property
     def quality(self) -> Array:

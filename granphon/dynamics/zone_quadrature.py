@@ -54,6 +54,8 @@ def shortest_vectors(reciprocal: Array) -> Array:
     for vector in found[np.argsort(lengths, kind="stable")]:
         if np.linalg.matrix_rank(np.array([*chosen, vector]), tol=1e-6 * longest) > len(chosen):
             chosen.append(vector)
+        if len(chosen) == len(reciprocal):
+            break
     return np.array(chosen)
 
 

@@ -22,7 +22,6 @@ from granphon.figures.scales import (
     styled_figure,
 )
 
-import matplotlib
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
@@ -39,11 +38,9 @@ from granphon.figures.style import (
     BLUE,
     COLOURS,
     COLUMN_WIDTH,
-    DPI,
     GUIDE,
     ORANGE,
     PURPLE,
-    STYLE,
     VERMILION,
     pick_evenly,
     print_hertz,
@@ -429,14 +426,11 @@ def animate_pulse(network: ContactNetwork, pulse: Pulse, interval: float = 60.0,
     :class:`~granphon.base.errors.InputError` for a pulse without frames.
     """
     from matplotlib.animation import FuncAnimation
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     if not len(pulse.frames):
         raise InputError("the pulse has no frames", mend="Give transmit the times of frames")
-    with matplotlib.rc_context(STYLE):
-        if figure is None:
-            figure = Figure((COLUMN_WIDTH, COLUMN_WIDTH), dpi=DPI // 2, layout="constrained")
-            FigureCanvasAgg(figure)
+    with styled_figure(COLUMN_WIDTH, dpi=150) as new:
+        figure = new if figure is None else figure
         ax = figure.subplots()
         most = 0.5 * float(np.max(np.abs(pulse.velocities @ pulse.polarisation), initial=0.0))
         plot_frame(network, pulse, 0, ax, most)

@@ -12,14 +12,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.balls.lattices import one_direction
-from granphon.balls.packing import Packing
-from granphon.balls.parameters import PARAMETERS
+from granphon.balls.packing import PARAMETERS, Packing
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.results import Result
@@ -448,14 +447,7 @@ class WidthFit(Fitted):
     warnings : reasons not to trust the fit.
     """
 
-    units = {
-        "width": "m", "stderr": "m", "std": "m", "std_stderr": "m", "p": "1",
-        "force": "N", "velocity": "m/s", "sigma": "m/s", "velocities": "m/s",
-    }  # fmt: skip
-    _shapes = {
-        "parameters": "p", "values": "p", "covariance": "p p", "force": "n", "velocity": "n", "sigma": "n",
-        "velocities": "n",
-    }  # fmt: skip
+    units = {"width": "m", "stderr": "m", "std": "m", "std_stderr": "m", "p": "1"}
     _notebook_fields = ("width", "stderr")
     _units_of_parameters = {name: PARAMETERS[name] for name in VARIABLE}
     _head = ("medium", "width", "stderr", "std", "std_stderr", "p")
@@ -463,14 +455,14 @@ class WidthFit(Fitted):
     packing: Packing
     choice: MediumChoice
     waves: Waves
-    parameters: tuple[str, ...]
-    values: Array
-    covariance: Array
-    force: Array
-    velocity: Array
-    sigma: Array
+    parameters: Annotated[tuple[str, ...], "p"]
+    values: Annotated[Array, "p"]
+    covariance: Annotated[Array, "p p"]
+    force: Annotated[Array, "n", "N"]
+    velocity: Annotated[Array, "n", "m/s"]
+    sigma: Annotated[Array, "n", "m/s"]
     sigma_given: bool
-    velocities: Array
+    velocities: Annotated[Array, "n", "m/s"]
     chi2: float
     dof: int
     warnings: tuple[str, ...]

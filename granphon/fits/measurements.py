@@ -6,7 +6,7 @@ import os
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 
@@ -61,12 +61,10 @@ class Measurements(Result):
         lengths.
     """
 
-    units = {"force": "N", "velocity": "m/s", "sigma": "m/s", "frequency": "Hz"}
-
-    force: Array
-    velocity: Array
-    sigma: Any = None
-    frequency: Any = None
+    force: Annotated[Array, "", "N"]
+    velocity: Annotated[Array, "", "m/s"]
+    sigma: Annotated[Any, "", "m/s"] = None
+    frequency: Annotated[Any, "", "Hz"] = None
 
     def __post_init__(self) -> None:
         counts = {}

@@ -13,7 +13,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -68,14 +68,11 @@ class TransferFunction(Result):
     not as many as the frequencies; and for a phase_sigma without phase or sigma.
     """
 
-    units = {"frequencies": "Hz", "phase": "rad", "phase_sigma": "rad"}
-    _shapes = {"frequencies": "n", "magnitude": "n", "phase": "n?", "sigma": "n?", "phase_sigma": "n?"}
-
-    frequencies: Array
-    magnitude: Array
-    phase: Array | None = None
-    sigma: Array | None = None
-    phase_sigma: Array | None = None
+    frequencies: Annotated[Array, "n", "Hz"]
+    magnitude: Annotated[Array, "n"]
+    phase: Annotated[Array | None, "n?", "rad"] = None
+    sigma: Annotated[Array | None, "n?"] = None
+    phase_sigma: Annotated[Array | None, "n?", "rad"] = None
 
     def __post_init__(self) -> None:
         for name in self._shapes:
@@ -192,7 +189,9 @@ class _Model:
             name: stiffer * getattr(network, name)
             for name in ("normal_stiffness", "shear_stiffness", "torsion_stiffness", "bending_stiffness")
         }
-        network = replace(network, **scaled, normal_force=load * network.normal_force)
+        held = {name: getattr(network, name) for name in ("normal_force", "tangential_force")}
+        scaled |= {name: load * force for name, force in held.items() if force is not None}
+        network = replace(network, **scaled)
         at, inverse = np.unique(self.frequencies, return_inverse=True)
         damping, losses = self.losses(values)
         found = Waves(network).response(at, damping=damping, loss_factor=losses, **self.places).coherent[inverse]
@@ -219,23 +218,19 @@ class DampingFit(Fitted):
     """
 
     units: ClassVar[dict[str, str]] = {"damping": "s", "loss_factor": "1", "phase": "rad"}
-    _shapes = {
-        "parameters": "p", "values": "p", "covariance": "p p", "damping": "2", "loss_factor": "2", "magnitude": "n",
-        "phase": "n",
-    }  # fmt: skip
     _notebook_fields = ("stderrs",)
     _units_of_parameters = PARAMETERS
 
-    parameters: tuple[str, ...]
-    values: Array
-    covariance: Array
-    damping: Array
-    loss_factor: Array
+    parameters: Annotated[tuple[str, ...], "p"]
+    values: Annotated[Array, "p"]
+    covariance: Annotated[Array, "p p"]
+    damping: Annotated[Array, "2"]
+    loss_factor: Annotated[Array, "2"]
     measured: TransferFunction
     quantity: str
     sigma_given: bool
-    magnitude: Array
-    phase: Array
+    magnitude: Annotated[Array, "n"]
+    phase: Annotated[Array, "n"]
     chi2: float
     dof: int
     warnings: tuple[str, ...]

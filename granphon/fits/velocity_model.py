@@ -18,15 +18,14 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from granphon.balls.diameters import Discrete, Measured, Spread, Uniform
 from granphon.balls.hertz import EXPONENT
 from granphon.balls.loads import Load
-from granphon.balls.packing import MINDLIN, Packing
-from granphon.balls.parameters import change_packing
+from granphon.balls.packing import MINDLIN, Packing, change_packing
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, UnreachableFrequencyError, brief
 from granphon.base.results import Result
@@ -34,7 +33,7 @@ from granphon.base.text import suggest
 from granphon.base.validation import is_one_of, positive, require, truth
 from granphon.dynamics.branches import follow_acoustic_branches
 from granphon.media.choice import MediumChoice, no_simulation
-from granphon.media.mean_field import AveragedLattice
+from granphon.media.medium import AveragedLattice
 from granphon.media.state import ContactState, ideal_lattice
 from granphon.observables.velocities import local_exponent, pulse_velocities
 
@@ -74,12 +73,9 @@ class Waves(Result):
     finite_overlap : whether terms of relative order delta/d are kept.
     """
 
-    units = {"frequency": "Hz"}
-    _shapes = {"direction": "p", "frequency": "...?"}
-
     branch: str
-    direction: Array
-    frequency: Any
+    direction: Annotated[Array, "p"]
+    frequency: Annotated[Any, "...?", "Hz"]
     finite_overlap: bool
 
     def __post_init__(self) -> None:

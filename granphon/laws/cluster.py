@@ -19,7 +19,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 
-from granphon.balls.distributions import NormalShape, PointShape, Shape, UniformShape
+from granphon.balls.diameters import NormalShape, PointShape, Shape, UniformShape
 from granphon.balls.hertz import ENERGY, FORCE, SLOPE, STIFFNESS
 from granphon.balls.lattices import Lattice
 from granphon.base.arrays import Array

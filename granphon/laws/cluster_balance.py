@@ -49,7 +49,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.distributions import Shape
+from granphon.balls.diameters import Shape
 from granphon.base.arrays import Array
 from granphon.base.errors import PrecisionError
 from granphon.base.results import read_only

@@ -25,7 +25,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from granphon.balls.distributions import Shape
+from granphon.balls.diameters import Shape
 from granphon.base.arrays import Array
 from granphon.base.threads import share_out
 from granphon.laws.cluster_balance import LEAST_CONTACT, Balance, ClusterBalance, PointSource

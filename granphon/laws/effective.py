@@ -45,7 +45,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from granphon.balls.distributions import NormalShape, PointShape, Shape, UniformShape
+from granphon.balls.diameters import NormalShape, PointShape, Shape, UniformShape
 from granphon.balls.hertz import FORCE, SLOPE, STIFFNESS
 from granphon.base.arrays import Array
 from granphon.base.errors import PrecisionError

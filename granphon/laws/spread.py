@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granphon.balls.distributions import NormalShape, PointShape, Shape, UniformShape, evaluate_in_blocks
+from granphon.balls.diameters import NormalShape, PointShape, Shape, UniformShape, evaluate_in_blocks
 from granphon.balls.hertz import ENERGY, FORCE, STIFFNESS, EnergyLaw, HertzLaw, high_pressure_overlap
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, PrecisionError

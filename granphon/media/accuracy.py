@@ -16,7 +16,7 @@ faces and its own diagonal (in hcp in the layers, across them and between).
 On a line all contacts carry the same force, so that Hertz's law, and every medium, is exact there.
 
 On the triangular lattice and in fcc ``tests/benchmarks/accuracy_with_friction.py`` has measured the same errors against
-another truth: arrays that were loaded with friction (:class:`~granphon.media.friction_history.FrictionHistory`). Without a
+another truth: arrays that were loaded with friction (:class:`~granphon.media.loading.FrictionHistory`). Without a
 history their simulation is a medium like the others, and its error is what friction in the statics does.
 """
 
@@ -31,7 +31,7 @@ from typing import Any
 
 import numpy as np
 
-from granphon.balls.distributions import NormalShape, Shape, UniformShape
+from granphon.balls.diameters import NormalShape, Shape, UniformShape
 from granphon.balls.hertz import overlap_of
 from granphon.balls.lattices import LATTICES, Lattice
 from granphon.balls.loads import Load
@@ -39,8 +39,7 @@ from granphon.balls.motions import IN_PLANE
 from granphon.balls.packing import Packing
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
-from granphon.media.equilibria import reduce_load
-from granphon.media.friction_history import REST, FrictionHistory
+from granphon.media.loading import REST, FrictionHistory, reduce_load
 
 #: number of standard deviations of a sample that count as the expected error of a simulation; the standard deviations in the
 #: table include a margin

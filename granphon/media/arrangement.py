@@ -19,8 +19,7 @@ from granphon.balls.contact_laws import Hertz
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
 from granphon.balls.motions import Motions
-from granphon.balls.packing import Packing, given_packing
-from granphon.balls.parameters import KIND_PARAMETERS
+from granphon.balls.packing import KIND_PARAMETERS, Packing, given_packing
 from granphon.base.errors import InputError
 from granphon.base.text import closest, counted, spell
 from granphon.media.crystal import Crystal, CrystalState

@@ -26,11 +26,9 @@ from granphon.base.validation import block, choice, number, read_inside, real_nu
 from granphon.media.accuracy import FRICTIONLESS, accuracy
 from granphon.media.arrangement import Balls, CrystalMedium
 from granphon.media.cost import estimate
-from granphon.media.equilibria import reduce_load
-from granphon.media.friction_history import HISTORY_OPTIONS, REFERENCE_OPTIONS, REST, FrictionHistory, read_start
 from granphon.media.left_out import EXACT, LATTICE, expect_shear_deficit, find_left_out
-from granphon.media.mean_field import AveragedForce, AveragedLattice, ClusterMedium, EffectiveMedium
-from granphon.media.medium import Medium, Option
+from granphon.media.loading import HISTORY_OPTIONS, REFERENCE_OPTIONS, REST, FrictionHistory, read_start, reduce_load
+from granphon.media.medium import AveragedForce, AveragedLattice, ClusterMedium, EffectiveMedium, Medium, Option
 from granphon.media.simulation import DEFAULT_SHAPES, DirectSimulation, no_finite_overlap, read_cells
 from granphon.media.state import ContactState, read_finite_overlap
 
@@ -227,16 +225,9 @@ class MediumChoice:
     def parse(
         cls, value: str | Mapping[str, Mapping[str, Any] | None] | MediumChoice, lattice: Lattice | None = None
     ) -> MediumChoice:
-        """Read a choice from a name such as "ema", or from {"ema": {"local_field": "paper"}}; see :meth:`on`."""
+        """Read a choice from a name such as "ema", or from {"ema": {"local_field": "paper"}}; see :func:`read_medium`."""
         found: MediumChoice = require("medium", partial(read_medium, lattice=lattice), value)
         return found
-
-    def on(self, lattice: Lattice) -> MediumChoice:
-        """Return the same choice for a lattice, on which a shape at its default is left out, as other options are.
-
-        Raises :class:`~granphon.base.errors.Refused` for a shape that has not one length for each period of the lattice.
-        """
-        return read_medium(self, lattice)
 
     def settings_on(self, lattice: Lattice) -> dict[str, Any]:
         """Every option with its value on a lattice, as a scene would give it: the default of a shape depends on the lattice.

@@ -35,9 +35,9 @@ from granphon.balls.packing import Packing
 from granphon.base.arrays import Array
 from granphon.dynamics.large_cells import BYTES
 from granphon.dynamics.linalg import MANY_COLUMNS
-from granphon.media.equilibria import reduce_load
 from granphon.media.left_out import estimate_reduced_force, find_spacing
-from granphon.media.mean_field import AveragedLattice
+from granphon.media.loading import reduce_load
+from granphon.media.medium import AveragedLattice
 from granphon.media.simulation import DirectSimulation
 
 #: longest time that a run may be estimated to take on one processor, s: a hundred processors would need a hundred days

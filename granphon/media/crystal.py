@@ -18,7 +18,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from operator import attrgetter
 from string import ascii_uppercase
-from typing import Any, NamedTuple, Self
+from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -434,7 +434,7 @@ class Crystal(Result):
         """
         count = whole_number("layers", layers, 1, _MOST_CELLS)
         _require_room(count * self.n_balls)
-        words, layering = read_edges(edges), Layers.across(axis, self.cell)
+        words, layering = require("edges", read_edges, edges), Layers.across(axis, self.cell)
         d, n, a, table = self.dimension, self.n_balls, self.periods - 1, self.contacts
         turn, stack = layering.turn, layering.stack
         sites, shift = layering.gather(self.positions, table.i, table.j, table.shift)
@@ -1016,21 +1016,15 @@ class CrystalState(Result):
         balls touch, which drops terms of relative order delta/d.
     """
 
-    units = {"normal_force": "N", "overlap": "m", "normal_stiffness": "N/m", "displacements": "m", "ways": "m"}
-    _shapes = {
-        "normal_force": "... c", "overlap": "... c", "normal_stiffness": "... c", "normal": "... c d",
-        "displacements": "... n d", "stress": "... p p", "strain": "... p p", "ways": "... w",
-    }  # fmt: skip
-
     crystal: Crystal
-    normal_force: Array
-    overlap: Array
-    normal_stiffness: Array
-    normal: Array
-    displacements: Array
-    stress: Array
-    strain: Array
-    ways: Array
+    normal_force: Annotated[Array, "... c", "N"]
+    overlap: Annotated[Array, "... c", "m"]
+    normal_stiffness: Annotated[Array, "... c", "N/m"]
+    normal: Annotated[Array, "... c d"]
+    displacements: Annotated[Array, "... n d", "m"]
+    stress: Annotated[Array, "... p p"]
+    strain: Annotated[Array, "... p p"]
+    ways: Annotated[Array, "... w", "m"]
     finite_overlap: bool = False
 
     def _field_units(self) -> dict[str, str]:

@@ -19,7 +19,7 @@ from granphon.balls.lattices import LATTICES
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
 from granphon.base.arrays import Array
-from granphon.media.equilibria import reduce_load
+from granphon.media.loading import reduce_load
 
 #: the geometries of contacts: directions are those of the lattice, or follow from the positions of the balls
 LATTICE, EXACT = GEOMETRIES = "lattice", "exact"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -91,11 +91,9 @@ class Check(Result):
     at_least : whether the limit is a lower one.
     """
 
-    _shapes = {"value": "..."}
-
     name: str
     meaning: str
-    value: Any
+    value: Annotated[Any, "..."]
     limit: float
     reason: str
     at_least: bool = False

@@ -1,25 +1,39 @@
-"""The interface of all media: the state of a packing under a load given as a force, a pressure or an overlap."""
+"""Media: the state of a packing under a load given as a force, a pressure or an overlap; and those that are contact laws.
+
+The media of Section III are, in order of accuracy, the averaged lattice (equations 23 and 24), the averaged force (25) and
+the effective medium (28-46). They differ only in their contact law. For equal balls all are the averaged lattice, which is
+then exact. So they are on a line, where all contacts carry the same force even if balls differ.
+
+The cluster medium goes a step beyond the effective medium, whose cluster is one ball: a ball and its shells, each with a
+diameter of its own, among balls that differ too. See :mod:`granphon.laws.cluster_balance`.
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cache
-from typing import Any, ClassVar, Generic, Self, TypeVar
+from dataclasses import dataclass, replace
+from functools import cache, cached_property, partial
+from typing import Any, ClassVar, Generic, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granphon.balls.lattices import Lattice
-from granphon.balls.loads import Load
+from granphon.balls.diameters import Discrete, Measured, PointShape
+from granphon.balls.hertz import LEAST_NORMAL
+from granphon.balls.lattices import TRIANGULAR, Lattice
+from granphon.balls.loads import Load, require_compressive
 from granphon.balls.motions import Motions
-from granphon.base.errors import InputError
-from granphon.base.validation import Rule
+from granphon.balls.packing import Packing, given_packing, require_shallow
+from granphon.base.errors import InputError, brief
+from granphon.base.validation import Rule, choice, is_one_of, whole, whole_number
+from granphon.dynamics.cluster_response import ClusterResponse, cluster_response, cluster_sizes
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.dynamics.local_field import LocalField
-from granphon.laws.cluster import ClusterLaw
-from granphon.media.state import ContactState
+from granphon.dynamics.local_field import LocalField, local_field, paper_local_field
+from granphon.laws.cluster import VALID_FORCE, ClusterLaw
+from granphon.laws.effective import EffectiveLaw
+from granphon.laws.spread import AveragedLaw
+from granphon.media.state import ContactState, Law, read_finite_overlap
 
 
 @dataclass(frozen=True)
@@ -144,3 +158,313 @@ def explain_untouched(load: Load, largest: float) -> InputError:
     """
     why = f"The largest are {largest:g} m wider than the mean"
     return InputError(f"{load} m: no balls touch", why, f"Give an overlap above {-largest:g} m")
+
+
+# -- media that are contact laws -----------------------------------------------------------------------------------------
+
+
+#: rough time of the effective medium, s: for a density of diameters, and for 64 listed ones
+_DENSITY_TIME, _LIST_TIME = 0.03, 0.25
+#: overlaps at which contacts open for 64 listed diameters: one for each pair
+_LIST_OPENINGS = 64 * 65 / 2
+#: exponent with which the time grows with their number
+_LIST_POWER = 1.25
+#: time below which work is done even when a scene is only checked and not run, s
+_QUICK_TIME = 0.1
+#: where the effective medium has its local field from; the first is the default
+_LOCAL_FIELDS = ("computed", "paper")
+
+
+@dataclass(frozen=True)
+class LawMedium(Medium[ContactState]):
+    """A medium that consists of a contact law: ``at_*`` take scalars or arrays, in SI.
+
+    A medium of your own is a subclass with a ``name``, its ``words`` in figures, and :attr:`spread_law`.
+
+    Parameters
+    ----------
+    packing : the balls.
+
+    They raise :class:`~granphon.base.errors.InputError` for a load that is not finite, not compressive, or presses balls
+    together by their whole diameter, and :class:`~granphon.base.errors.PrecisionError` for one so low that the law is not
+    known there. With ``finite_overlap`` every result from the state includes the terms of relative order delta/d, and
+    pressure and density count the boundary that shrinks with the balls.
+    """
+
+    packing: Packing
+
+    @cached_property
+    def law(self) -> Law:
+        """Contact law of the medium; for equal balls, and on a line, it is Hertz's law in every medium."""
+        return self.spread_law if self.packing.spread_matters else self.packing.law
+
+    @property
+    @abstractmethod
+    def spread_law(self) -> Law:
+        """Contact law of the medium for balls that differ, in SI."""
+
+    def __post_init__(self) -> None:
+        given_packing(self.packing)
+
+    def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
+        """Return the state at a load; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap` take its value in SI."""
+        load, follows, law = load.applied, read_finite_overlap(finite_overlap), self.law
+        diameter, periods = self.packing.diameter, self.packing.structure.periods
+        with np.errstate(all="ignore"):  # what is beyond double precision is refused below
+            if load.kind == "overlap":
+                overlap = load.array
+                if law.least_overlap == 0.0:
+                    require_compressive("overlap", overlap)
+                if np.any(overlap <= law.least_overlap):
+                    raise explain_untouched(load, -law.least_overlap)
+                force = np.asarray(law.force(overlap))
+            elif load.kind == "pressure":
+                # P a^(p-1) is the lattice's pressure factor times f if the boundary follows the balls, else P d^(p-1)
+                power = periods - 1
+                slope = load.array / self.packing.structure.pressure_factor  # force over spacing to the power p - 1
+                force = slope * diameter**power
+                overlap = np.asarray(law.overlap(force))
+                # solve f(delta) = slope (d - delta)^(p - 1): f rises and is convex, and the other side falls, so that
+                # Newton's method descends from a larger overlap
+                for _ in range(100 if follows and power else 0):
+                    spacing = diameter - overlap
+                    slide = power * slope * spacing ** (power - 1)
+                    step = (law.force(overlap) - slope * spacing**power) / (law.stiffness(overlap) + slide)
+                    overlap = overlap - step
+                    if np.all(np.abs(step) <= 4e-16 * np.abs(overlap)):
+                        break
+                force = np.asarray(law.force(overlap)) if follows and power else force
+            else:
+                force, overlap = load.array, np.asarray(law.overlap(load.array))
+            stiffness = np.asarray(law.stiffness(overlap))
+            length = np.maximum(np.abs(overlap), self.packing.width)
+            # the last three are of the size of the slope of the stiffness, the pressure and the moduli
+            made = np.array([force, stiffness, length, stiffness / length, force / diameter, stiffness / diameter])
+        if not np.all((made >= LEAST_NORMAL) & (made < np.inf)):
+            raise InputError(f"{load.describe(periods)} is too small or too large for double precision")
+        modulus = self.packing.material.young_modulus
+        require_shallow(modulus, float(np.max(overlap / diameter)), load.describe(periods))
+        return ContactState(
+            packing=self.packing, medium=self.name, law=law, force=force[()], overlap=overlap[()],
+            normal_stiffness=stiffness[()], finite_overlap=follows,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class AveragedLattice(LawMedium):
+    """The averaged lattice: all balls have the mean diameter, f = (2/3) E* d^(1/2) delta^(3/2) (equation 23).
+
+    It is exact for equal balls, and on a line.
+
+    Parameters
+    ----------
+    packing : the balls.
+    """
+
+    name, words = "ala", "averaged lattice"
+
+    @property
+    def spread_law(self) -> Law:
+        """Contact law of the medium for balls that differ, in SI."""
+        return self.packing.law
+
+
+@dataclass(frozen=True)
+class AveragedForce(LawMedium):
+    """The averaged force: balls differ and stay at the sites of the lattice; f is the mean over pairs (equation 25).
+
+    On a line balls cannot stay at the sites, because all contacts carry the same force: there it is Hertz's law.
+
+    Parameters
+    ----------
+    packing : the balls.
+    """
+
+    name, words = "afa", "averaged force"
+
+    @property
+    def spread_law(self) -> Law:
+        """Contact law of the medium for balls that differ, in SI."""
+        spread = self.packing.spread
+        return AveragedLaw(self.packing.law.coefficient, self.packing.width, spread.shape) if spread else self.packing.law
+
+
+@dataclass(frozen=True, init=False)
+class EffectiveMedium(LawMedium):
+    """The effective medium: balls that differ displace their neighbours, in the average lattice of all (equations 28-46).
+
+    Of the lattice it knows Xi alone (:attr:`local_field`), and so it is in one, two and three dimensions. It is valid from
+    f* = 0.08 (Section IV, by comparison with simulations of the triangular lattice); ``valid`` of a state says so. It is
+    solved from f* = 1e-6, and force and stiffness are accurate to 1e-8 or better from f* = 1e-4. Each pair of listed
+    diameters puts a kink into the law, which is resolved. For some lists with diameters rarer than about 1 % the stiffness
+    falls to zero at a higher f* than 1e-6, and the equation has no solution below. On a line it is Hertz's law.
+
+    Friction makes Xi larger: the lattice around a ball gives way less, by springs eta k against slip. It has no other
+    friction in the statics: contacts bear no tangential force at rest and do not slide, there is no friction coefficient,
+    and the path to the load does not matter. :class:`DirectSimulation` with ``friction_history`` has all of this. At a given
+    overlap the medium's friction adds too much force at low load, and less than half of what it should from a* = 0.8 to 1.
+    In sound every contact has the shear stiffness eta k, as with ``shear_response="stick"``.
+
+    Parameters
+    ----------
+    packing : the balls.
+    local_field : "computed"; or "paper" for alpha and beta as printed in the paper, which do not satisfy their own
+        definition, and belong to the triangular lattice.
+
+    Raises
+    ------
+    InputError : another word, or "paper" on another lattice or with bending.
+    """
+
+    name, words = "ema", "effective medium"
+    slow_part = "the effective medium of long lists of diameters"
+    options = {"local_field": Option(_LOCAL_FIELDS[0], partial(choice, options=_LOCAL_FIELDS))}
+    source: str
+
+    def __init__(self, packing: Packing, local_field: Literal["computed", "paper"] = "computed") -> None:
+        if not is_one_of(local_field, _LOCAL_FIELDS):
+            raise InputError(f"local_field is {brief(local_field)}", mend="Give 'computed' or 'paper'")
+        if local_field == "paper" and isinstance(packing, Packing):
+            other = f"of the {packing.structure.name} lattice" if packing.structure != TRIANGULAR else ""
+            if lacking := other or "with bending" * bool(packing.bending):
+                raise InputError(f"the paper gives no local field {lacking}", mend="Use 'computed'")
+        object.__setattr__(self, "packing", packing)
+        object.__setattr__(self, "source", local_field)
+        self.__post_init__()
+
+    def __repr__(self) -> str:
+        return f"EffectiveMedium({self.packing!r}, local_field={self.source!r})"
+
+    @property
+    def seconds(self) -> float:
+        """Rough time of solving it, s, for any number of loads: long lists of diameters have many pairs that open."""
+        shape = self.packing.spread.shape if self.packing.spread and self.packing.width else None
+        if not isinstance(shape, PointShape):
+            return _DENSITY_TIME if shape else 0.0
+        return max(_DENSITY_TIME, float(_LIST_TIME * (shape.openings.size / _LIST_OPENINGS) ** _LIST_POWER))
+
+    @property
+    def is_quick(self) -> bool:
+        """Whether its states take less than 0.1 s: not of long lists of diameters."""
+        return self.seconds < _QUICK_TIME
+
+    @property
+    def is_solved_anew(self) -> bool:
+        """Whether each packing of a sweep has a law of its own, which takes its time: so has each list of diameters."""
+        return isinstance(self.packing.spread, Discrete | Measured)
+
+    def prepare(self) -> None:
+        """Find the local field of balls that differ, which not every lattice has."""
+        if self.packing.width:
+            _ = self.local_field
+
+    @cached_property
+    def local_field(self) -> LocalField:
+        """Local-field factor Xi, with alpha and beta, of the packing's lattice, Mindlin ratio, torsion and bending.
+
+        Without friction, torsion and bending some lattices have none: it raises
+        :class:`~granphon.base.errors.MechanismError`. With ``torsion="mindlin"`` torsion is left out, because it is of the
+        order delta/d, as other terms that the medium leaves out.
+        """
+        packing, eta = self.packing, self.packing.mindlin_ratio
+        if self.source == "paper":
+            return paper_local_field(eta)
+        torsion = packing.torsion if isinstance(packing.torsion, float) else 0.0
+        return local_field(packing.structure, eta, bending=packing.bending, torsion=torsion)
+
+    @property
+    def spread_law(self) -> Law:
+        """Contact law of the medium for balls that differ, in SI."""
+        spread, law = self.packing.spread, self.packing.law
+        if not spread or self.local_field.is_determinate:
+            return law
+        return EffectiveLaw(law.coefficient, spread.width, spread.shape, self.local_field.xi)
+
+
+@dataclass(frozen=True)
+class ClusterMedium(LawMedium):
+    """The cluster medium: a cluster of balls that differ, in the lattice whose stiffness it has, among balls that differ.
+
+    It is valid from f* = 0.03; ``valid`` of a state says so. It is solved from f* = 0.003. Means are over quasi-random
+    diameters, so many that their standard error is below 1e-4 of the force where the medium is valid. The first state takes
+    half a minute with the first shell and up to a minute and a half with more, of one processor; all processors share this.
+    The law is then kept for its distribution, lattice, Mindlin ratio and number of balls.
+
+    Parameters
+    ----------
+    packing : the balls, on any lattice that stands with its motions.
+    balls : number of balls of the cluster, one that completes a shell: 7, 19 or 37 on the triangular lattice, 13 in fcc and
+        hcp. None is the first shell: the ball in the middle and the balls that touch it.
+
+    Raises
+    ------
+    InputError : a number of balls that no shell completes; the message lists the numbers of complete shells. From ``law``
+        and ``at_*``, a :class:`~granphon.base.errors.MechanismError` if the lattice has a motion that costs no energy.
+    """
+
+    name, words = "cluster", "cluster medium"
+    slow_part = "the cluster medium"
+
+    packing: Packing
+    balls: int | None = None
+
+    options = {"balls": Option(balls, partial(whole, low=2, high=100))}
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        sizes = cluster_sizes(self.packing.structure)
+        given = sizes[0] if self.balls is None else whole_number("balls", self.balls, 2)
+        if given not in sizes:
+            what = f"balls is {given}, and no shell of the {self.packing.structure.name} lattice completes so many"
+            raise InputError(what, mend="Give " + " or ".join(map(str, sizes)))
+        if self.balls == sizes[0]:
+            object.__setattr__(self, "balls", None)
+
+    @property
+    def n_balls(self) -> int:
+        """Number of balls of the cluster."""
+        return cluster_sizes(self.packing.structure)[0] if self.balls is None else self.balls
+
+    @property
+    def response(self) -> ClusterResponse:
+        """How the lattice answers the contacts of the cluster."""
+        packing = self.packing
+        return cluster_response(packing.structure, packing.mindlin_ratio, self.n_balls, packing.bending)
+
+    @property
+    def is_quick(self) -> bool:
+        """Whether its states take less than 0.1 s, as for equal balls."""
+        return not self.packing.width
+
+    def prepare(self) -> None:
+        """Find the response around balls that differ, which not every lattice has."""
+        if self.packing.width:
+            _ = self.response
+
+    @property
+    def long_law(self) -> ClusterLaw | None:
+        """The law in reduced units, which has neither a width nor a coefficient; None of equal balls and on a line."""
+        law = self.law
+        return replace(law, coefficient=1.0, width=1.0) if isinstance(law, ClusterLaw) else None
+
+    @property
+    def quadrature_error(self) -> float:
+        """Largest relative standard error of the force where the medium is valid, from the quadrature; 0 for equal balls."""
+        law = self.law
+        if not isinstance(law, ClusterLaw):
+            return 0.0
+        curve = law.curve
+        lowest = float(curve.overlap(np.array(VALID_FORCE)))
+        y = np.append(curve.nodes[curve.nodes > lowest], lowest)
+        return float(np.max(law.quadrature_error(y * law.width)))
+
+    @property
+    def spread_law(self) -> Law:
+        """Contact law of the medium for balls that differ, in SI."""
+        packing, spread = self.packing, self.packing.spread
+        # where all contacts must carry one force, as on a chain, balls that differ are as good as equal ones
+        if not spread or self.response.is_fixed:
+            return packing.law
+        coefficient, shape = packing.law.coefficient, spread.shape
+        eta, balls = packing.mindlin_ratio, self.n_balls
+        return ClusterLaw(coefficient, spread.width, shape, packing.structure, eta, balls, packing.bending)

@@ -35,9 +35,7 @@ from granphon.base.progress import Progress, silent
 from granphon.base.results import read_only
 from granphon.base.validation import choice, finite_array, lengths, require, whole, whole_number
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.dynamics.tensors import bulk_and_shear, longitudinal_modulus, symmetrise, waves_of_tensor
-from granphon.media.equilibria import find_equilibria, find_equilibrium, prescribe, require_load
-from granphon.media.friction_history import HISTORY_OPTIONS, FrictionHistory, LoadedSample, require_above
+from granphon.dynamics.long_waves import bulk_and_shear, longitudinal_modulus, symmetrise, waves_of_tensor
 from granphon.media.left_out import (
     EXACT,
     GEOMETRIES,
@@ -46,6 +44,16 @@ from granphon.media.left_out import (
     can_be_exact,
     choose_geometries,
     estimate_shear_deficit,
+)
+from granphon.media.loading import (
+    HISTORY_OPTIONS,
+    FrictionHistory,
+    LoadedSample,
+    find_equilibria,
+    find_equilibrium,
+    prescribe,
+    require_above,
+    require_load,
 )
 from granphon.media.medium import Medium, Option
 from granphon.media.state import ContactState, read_finite_overlap
@@ -875,7 +883,7 @@ class DirectSimulation(Medium[SimulatedState]):
         """Return the first sample under one load, with the same numbers as in a state.
 
         ``before`` holds the overlap and displacements of its equilibrium under the previous load, in the order of
-        :func:`~granphon.media.equilibria.sort_by_load`; it is None for the first load.
+        :func:`~granphon.media.loading.sort_by_load`; it is None for the first load.
         """
         deviations = read_only(self.deviations(0))
         stencils = Stencils(self.cells, workers=self.workers, lattice=self.packing.structure)

@@ -10,7 +10,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,7 +27,7 @@ from granphon.base.registry import Registry
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
-from granphon.base.validation import choice, label, lengths, real_array, require, text_list, truth, whole_number
+from granphon.base.validation import label, lengths, one_of, real_array, require, text_list, truth, whole_number
 from granphon.networks.building import LARGEST, MOST_STEPS, read_whole_numbers
 
 #: fields with one number for each ball
@@ -67,7 +67,7 @@ class ContactNetwork(Result):
     radii : (n,) m.
     masses : (n,) kg. A mass of infinity is a body that does not move, such as a wall.
     inertias : (n,) moments of inertia about a diameter, kg m^2.
-    i, j : (n_c,) indices of the two balls of each contact.
+    i, j : (n_c,) indices of the two balls of each contact. A flat wall, whose radius is infinite, becomes ball j.
     shift : (n_c, 3) whole cells by which ball j is displaced.
     normal : (n_c, 3) unit vectors from i to j along which contacts are compressed.
     normal_force : (n_c,) compressive forces, N, zero or above; below zero where balls that adhere pull.
@@ -96,45 +96,33 @@ class ContactNetwork(Result):
         ball i to ball j, balls whose distance differs from the two arms by a quarter, a contact that leaves the plane.
     """
 
-    units = {
-        "cell": "m", "positions": "m", "radii": "m", "masses": "kg", "inertias": "kg m^2", "normal_force": "N",
-        "normal_stiffness": "N/m", "shear_stiffness": "N/m", "torsion_stiffness": "N m", "bending_stiffness": "N m",
-        "arm_i": "m", "arm_j": "m", "tangential_force": "N",
-    }  # fmt: skip
-    _shapes = {
-        "cell": "3 3", "positions": "n 3", "radii": "n", "masses": "n", "inertias": "n", "i": "c", "j": "c", "shift": "c 3",
-        "normal": "c 3", "normal_force": "c", "normal_stiffness": "c", "shear_stiffness": "c", "torsion_stiffness": "c",
-        "bending_stiffness": "c", "arm_i": "c", "arm_j": "c", "labels": "n?",
-        "tangential_force": "c 3?", "kinds": "n?",
-    }  # fmt: skip
-
-    cell: Array
+    cell: Annotated[Array, "3 3", "m"]
     pbc: tuple[bool, bool, bool]
-    positions: Array
-    radii: Array
-    masses: Array
-    inertias: Array
-    i: Index
-    j: Index
-    shift: Index
-    normal: Array
-    normal_force: Array
-    normal_stiffness: Array
-    shear_stiffness: Array
-    torsion_stiffness: Array
-    bending_stiffness: Array
-    arm_i: Array
-    arm_j: Array
+    positions: Annotated[Array, "n 3", "m"]
+    radii: Annotated[Array, "n", "m"]
+    masses: Annotated[Array, "n", "kg"]
+    inertias: Annotated[Array, "n", "kg m^2"]
+    i: Annotated[Index, "c"]
+    j: Annotated[Index, "c"]
+    shift: Annotated[Index, "c 3"]
+    normal: Annotated[Array, "c 3"]
+    normal_force: Annotated[Array, "c", "N"]
+    normal_stiffness: Annotated[Array, "c", "N/m"]
+    shear_stiffness: Annotated[Array, "c", "N/m"]
+    torsion_stiffness: Annotated[Array, "c", "N m"]
+    bending_stiffness: Annotated[Array, "c", "N m"]
+    arm_i: Annotated[Array, "c", "m"]
+    arm_j: Annotated[Array, "c", "m"]
     motions: str = "all"
     dimension: int = 3
     prestress: bool = False
     left_out: int = 0
-    labels: Index | None = None
+    labels: Annotated[Index | None, "n?"] = None
     lattice: Lattice | None = None
     shape: tuple[int, ...] | None = None
-    tangential_force: Array | None = None
+    tangential_force: Annotated[Array | None, "c 3?", "N"] = None
     adhesive: bool = False
-    kinds: tuple[str, ...] | None = None
+    kinds: Annotated[tuple[str, ...] | None, "n?"] = None
 
     def __post_init__(self) -> None:
         plain: Any = self.pbc
@@ -166,6 +154,13 @@ class ContactNetwork(Result):
     def _check(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` for what the class does not allow."""
         super()._check()
+        walls, own = np.flatnonzero(np.isinf(self.radii)), vars(self)
+        if np.any(turned := np.isin(self.i, walls) & ~np.isin(self.j, walls)):  # contacts lead from balls to walls
+            for at_i, at_j in (("i", "j"), ("arm_i", "arm_j")):
+                ends = np.stack([own[at_i], own[at_j]])
+                own[at_i], own[at_j] = map(read_only, np.where(turned, ends[::-1], ends))
+            for name in {"shift", "normal", "tangential_force"} & {*self.contact_fields}:
+                own[name] = read_only(np.where(turned[:, None], 0 - own[name], own[name]))
         motions = allowed_motions(self.dimension)
         if self.motions not in motions:
             what = f"a network in {self.dimension} dimensions has no motions {brief(self.motions)}"
@@ -262,8 +257,7 @@ class ContactNetwork(Result):
     @cached_property
     def distance(self) -> Array:
         """(n_c,) distance of the centres, m; infinite at a flat wall, which is a body of infinite radius at any place."""
-        flat = np.isinf(self.radii[self.i]) | np.isinf(self.radii[self.j])
-        return read_only(np.where(flat, np.inf, np.linalg.norm(self.vector, axis=1)))
+        return read_only(np.where(np.isinf(self.radii[self.j]), np.inf, np.linalg.norm(self.vector, axis=1)))
 
     @cached_property
     def scales(self) -> Units:
@@ -463,7 +457,7 @@ class ContactNetwork(Result):
         reaches across all of them, if layers are not connected, if no ball can move, and if a clamped ball touches no ball
         that moves.
         """
-        count, words = whole_number("layers", layers, 1, MOST_CELLS), read_edges(edges)
+        count, words = whole_number("layers", layers, 1, MOST_CELLS), require("edges", read_edges, edges)
         periods, n, d = np.flatnonzero(self.pbc), self.n_balls, self.dimension
         cut, stack = self.layers_across(axis), np.zeros(3)
         turn, p, stack[:d] = np.eye(3), len(cut.cell), cut.stack
@@ -644,7 +638,7 @@ class ContactNetwork(Result):
         Raises :class:`~granphon.base.errors.InputError` for a name without a reader, for what the reader refuses, and where
         it fails: the message names it.
         """
-        reader = READERS[require("program", partial(choice, options=READERS), program)]
+        reader = READERS[one_of("program", program, READERS)]
         try:
             found: Any = reader(*files, **options)
         except GranphonError:

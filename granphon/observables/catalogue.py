@@ -15,12 +15,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granphon.balls.parameters import PARAMETERS
+from granphon.balls.packing import PARAMETERS
 from granphon.base.errors import InputError, brief, one_line
 from granphon.base.quantities import is_si
 from granphon.base.registry import Registry
 from granphon.base.text import spell
-from granphon.base.validation import choice, require
+from granphon.base.validation import one_of
 from granphon.media.arrangement import Balls
 from granphon.media.simulation import SimulatedState
 from granphon.media.state import ContactState
@@ -410,7 +410,7 @@ def register_observable(
     for what, (given, holds, allowed) in good.items():
         if not (isinstance(given, str) and holds(given)):
             raise InputError(f"an observable cannot have the {what} {brief(given)}", mend=f"Give {allowed}")
-    require("cost", partial(choice, options=("state", "velocities", "exponent")), cost)
+    one_of("cost", cost, ("state", "velocities", "exponent"))
     if not callable(find):
         raise InputError(f"{brief(find)} finds no observable", mend="Give a function of an Analysis")
     return CATALOGUE.add(name, Observable(name, unit, words, label, find=find, cost=cost, told=told), find)

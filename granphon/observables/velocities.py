@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,8 +18,7 @@ from granphon.base.results import Result
 from granphon.base.validation import finite_array, texts
 from granphon.dynamics.branches import AcousticBranch, AcousticBranches, follow_acoustic_branches
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.dynamics.long_waves import voigt_names
-from granphon.dynamics.tensors import anisotropy, bulk_and_shear, shears
+from granphon.dynamics.long_waves import anisotropy, bulk_and_shear, shears, voigt_names
 from granphon.media.state import ContactState, State, as_state, given_state
 from granphon.observables.validity import find_warnings
 
@@ -75,26 +74,16 @@ class SoundVelocities(Result):
     polarisations : (..., n, n) their unit displacements (x, y, z, as far as the balls move), as columns.
     """
 
-    units = {
-        "longitudinal": "m/s", "transverse": "m/s", "longitudinal_error": "m/s", "transverse_error": "m/s",
-        "out_of_plane": "m/s", "velocities": "m/s", "twist": "m/s",
-    }  # fmt: skip
-    _shapes = {
-        "longitudinal": "...?", "transverse": "...|... 2?", "direction": "p|n p", "longitudinal_error": "...?",
-        "transverse_error": "...|... 2?", "out_of_plane": "...?", "velocities": "... u", "polarisations": "... u u",
-        "twist": "...?",
-    }  # fmt: skip
-
-    longitudinal: Any
-    transverse: Any
-    direction: Array
+    longitudinal: Annotated[Any, "...?", "m/s"]
+    transverse: Annotated[Any, "...|... 2?", "m/s"]
+    direction: Annotated[Array, "p|n p"]
     warnings: tuple[str, ...]
-    velocities: Array
-    polarisations: Array
-    longitudinal_error: Any = None
-    transverse_error: Any = None
-    out_of_plane: Any = None
-    twist: Any = None
+    velocities: Annotated[Array, "... u", "m/s"]
+    polarisations: Annotated[Array, "... u u"]
+    longitudinal_error: Annotated[Any, "...?", "m/s"] = None
+    transverse_error: Annotated[Any, "...|... 2?", "m/s"] = None
+    out_of_plane: Annotated[Any, "...?", "m/s"] = None
+    twist: Annotated[Any, "...?", "m/s"] = None
 
     def _check(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` also if the named waves are not those of ``velocities``."""
@@ -213,11 +202,8 @@ class AveragedModuli(Result):
     bulk, shear : the moduli, Pa, with the shape of the load.
     """
 
-    units = {"bulk": "Pa", "shear": "Pa"}
-    _shapes = {"bulk": "...", "shear": "..."}
-
-    bulk: Any
-    shear: Any
+    bulk: Annotated[Any, "...", "Pa"]
+    shear: Annotated[Any, "...", "Pa"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -238,23 +224,16 @@ class Moduli(Result):
     warnings : one sentence for each limit of the model that the state exceeds.
     """
 
-    units = {
-        "tensor": "Pa", "bulk": "Pa", "shear": "Pa", "shears": "Pa", "bulk_error": "Pa", "shear_error": "Pa",
-        "tensor_error": "Pa", "anisotropy_error": "1",
-    }  # fmt: skip
-    _shapes = {
-        "tensor": "... 3 3|... 6 6|... 1 1", "bulk_error": "...?", "shear_error": "...?",
-        "tensor_error": "... 3 3|... 6 6|... 1 1?", "anisotropy_error": "...?",
-    }  # fmt: skip
+    units = {"bulk": "Pa", "shear": "Pa", "shears": "Pa"}
     _notebook_fields = ("bulk", "shear")
 
-    tensor: Array
+    tensor: Annotated[Array, "... 3 3|... 6 6|... 1 1", "Pa"]
     isotropic: bool
     warnings: tuple[str, ...]
-    bulk_error: Any = None
-    shear_error: Any = None
-    tensor_error: Array | None = None
-    anisotropy_error: Any = None
+    bulk_error: Annotated[Any, "...?", "Pa"] = None
+    shear_error: Annotated[Any, "...?", "Pa"] = None
+    tensor_error: Annotated[Array | None, "... 3 3|... 6 6|... 1 1?", "Pa"] = None
+    anisotropy_error: Annotated[Any, "...?", "1"] = None
     cubic: bool = False
 
     def _field_units(self) -> dict[str, str]:
@@ -410,16 +389,13 @@ class PulseVelocities(Result):
     warnings : one sentence for each limit of the model that the state exceeds.
     """
 
-    units = {"phase": "m/s", "group": "m/s", "group_vector": "m/s", "wavenumber": "rad/m", "frequency": "Hz"}
-    _shapes = {"branches": "b", "direction": "p|n p"}
-
-    branches: tuple[str, ...]
-    phase: Array
-    group: Array
-    group_vector: Array
-    wavenumber: Array
-    frequency: Any
-    direction: Array
+    branches: Annotated[tuple[str, ...], "b"]
+    phase: Annotated[Array, "", "m/s"]
+    group: Annotated[Array, "", "m/s"]
+    group_vector: Annotated[Array, "", "m/s"]
+    wavenumber: Annotated[Array, "", "rad/m"]
+    frequency: Annotated[Any, "", "Hz"]
+    direction: Annotated[Array, "p|n p"]
     warnings: tuple[str, ...]
 
 

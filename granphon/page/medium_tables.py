@@ -17,8 +17,7 @@ import numpy as np
 
 from granphon.balls.diameters import Uniform
 from granphon.balls.hertz import EXPONENT, force_of, high_pressure_overlap
-from granphon.balls.packing import Packing
-from granphon.balls.parameters import change_width
+from granphon.balls.packing import Packing, change_width
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, MechanismError, PrecisionError
 from granphon.base.scales import WidthUnits
@@ -28,7 +27,7 @@ from granphon.laws.cluster import ClusterLaw
 from granphon.laws.effective import VALID_FORCE, EffectiveLaw
 from granphon.laws.spread import AveragedLaw
 from granphon.media.choice import MediumChoice, find_medium
-from granphon.media.mean_field import ClusterMedium
+from granphon.media.medium import ClusterMedium
 from granphon.media.state import Law
 
 #: nodes of ln f* to begin with, and the most that there may be

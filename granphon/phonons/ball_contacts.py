@@ -21,6 +21,7 @@ from ase.utils.plugins import ExternalIOFormat
 
 from granphon.balls.ball import Ball, ContactConstants
 from granphon.balls.contact_laws import Hertz, PairLaw, check_law, law_of_pair, opening_overlap, read_laws
+from granphon.balls.contact_table import find_pairs
 from granphon.balls.material import Material
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, brief
@@ -124,7 +125,7 @@ class BallContacts(ContactCalculator):
         keys = list(zip(kinds, radii.tolist(), strict=True))
         every = list(dict.fromkeys(keys))
         number = {key: at for at, key in enumerate(every)}
-        code, unit = np.array([number[key] for key in keys], np.intp), 2.0 * float(np.mean(radii)) if keys else 1.0
+        code = np.array([number[key] for key in keys], np.intp)
         # balls that adhere touch until they are this much apart: Hertz's are cheap to tell
         apart = 0.0
         if not isinstance(self._law, Hertz):
@@ -132,16 +133,12 @@ class BallContacts(ContactCalculator):
             apart = -min([0.0, *ends])
         if math.isinf(apart):
             raise InputError("a bond has no end, and so no neighbours", mend="Give a law with a least_overlap")
-        reach = (radii + 0.5 * apart) / unit * (1.0 + 1e-12)
-        from ase.neighborlist import primitive_neighbor_list  # imported here: it loads scipy.spatial
-
-        i, j, shift = primitive_neighbor_list(
-            "ijS", atoms.pbc, atoms.cell.array / unit, atoms.positions / unit, reach.tolist()
-        )  # fmt: skip
-        first = np.where(shift[:, 0] != 0, shift[:, 0], np.where(shift[:, 1] != 0, shift[:, 1], shift[:, 2]))
-        once = (i < j) | ((i == j) & (first > 0))
-        i, j, shift = i[once].astype(np.intp), j[once].astype(np.intp), shift[once].astype(np.intp)
-        vector = atoms.positions[j] - atoms.positions[i] + shift @ atoms.cell.array
+        reach, periods = (radii + 0.5 * apart) * (1.0 + 1e-12), np.flatnonzero(atoms.pbc)
+        most = 2.0 * float(np.max(reach, initial=0.0))
+        i, j, steps, vector = find_pairs(atoms.positions, atoms.cell.array[periods], most)
+        near = np.linalg.norm(vector, axis=1) < reach[i] + reach[j]
+        i, j, vector, shift = i[near], j[near], vector[near], np.zeros((np.count_nonzero(near), 3), np.intp)
+        shift[:, periods] = steps[near]
         pair = np.minimum(code[i], code[j]) * len(every) + np.maximum(code[i], code[j])
         groups, ratio = list[tuple[PairLaw, Index]](), np.empty(len(i))
         order = np.argsort(pair, kind="stable")

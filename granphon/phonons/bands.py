@@ -8,7 +8,7 @@ import math
 import os
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,27 +83,21 @@ class Bands(Result):
     gyration : (n,) radii of gyration of the balls, in reduced units; by default of solid balls with the diameter 1.
     """
 
-    units = {"distances": "1", "frequencies": "Hz", "group_velocities": "m/s"}
-    _shapes = {
-        "qpoints": "s p 3", "distances": "s p", "frequencies": "s p b", "group_velocities": "s p b d?",
-        "eigenvectors": "s p m b?", "labels": "s+1", "cell": "3 3", "positions": "n 3", "masses": "n", "gyration": "n",
-    }  # fmt: skip
-
-    qpoints: Array
-    distances: Array
-    frequencies: Array
-    group_velocities: Array | None
-    eigenvectors: NDArray[np.complex128] | None
-    labels: tuple[str, ...]
-    cell: Array
-    positions: Array
-    masses: Array
+    qpoints: Annotated[Array, "s p 3"]
+    distances: Annotated[Array, "s p", "1"]
+    frequencies: Annotated[Array, "s p b", "Hz"]
+    group_velocities: Annotated[Array | None, "s p b d?", "m/s"]
+    eigenvectors: Annotated[NDArray[np.complex128] | None, "s p m b?"]
+    labels: Annotated[tuple[str, ...], "s+1"]
+    cell: Annotated[Array, "3 3"]
+    positions: Annotated[Array, "n 3"]
+    masses: Annotated[Array, "n"]
     scales: Units
     warnings: tuple[str, ...] = ()
     motions: Motions = IN_PLANE
     pbc: tuple[bool, ...] = ()
     kinds: tuple[str, ...] = ()
-    gyration: Any = None  # an array from the constructor on
+    gyration: Annotated[Any, "n"] = None  # an array from the constructor on
 
     def __post_init__(self) -> None:
         if self.gyration is None:
@@ -376,7 +370,7 @@ class Bands(Result):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ComplexBands(Result):
+class ComplexBands(Result, array="wavenumbers"):
     """All waves across the layers of a crystal at given frequencies. ``np.asarray`` of it is ``wavenumbers``.
 
     A motion changes by exp(i k h) from layer to layer, in the time exp(-2 pi i f t). Waves of the first half of a row run or
@@ -392,16 +386,10 @@ class ComplexBands(Result):
     height : of a layer, h, m.
     """
 
-    units = {"frequencies": "Hz", "wavenumbers": "1/m", "height": "m"}
-    _shapes = {"frequencies": "f", "wavenumbers": "f k", "running": "f"}
-
-    frequencies: Array
-    wavenumbers: NDArray[np.complex128]
-    running: NDArray[np.intp]
-    height: float
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        return np.array(self.wavenumbers, dtype)
+    frequencies: Annotated[Array, "f", "Hz"]
+    wavenumbers: Annotated[NDArray[np.complex128], "f k", "1/m"]
+    running: Annotated[NDArray[np.intp], "f"]
+    height: Annotated[float, "", "m"]
 
     @property
     def forward(self) -> NDArray[np.complex128]:

@@ -36,7 +36,7 @@ from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, PrecisionError, brief
 from granphon.base.results import read_only
 from granphon.base.scales import Units
-from granphon.base.validation import is_one_of
+from granphon.base.validation import is_one_of, one_of
 from granphon.dynamics.compatibility import GYRATION
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.rows import Row, contact_rows, push_rows
@@ -665,9 +665,7 @@ class HertzMindlin(ContactCalculator):
         w = R_g phi is a length, so that the mass of the ball serves all coordinates. In a cell so small that two balls touch
         more than once (2 x 2 and less), contacts add up.
         """
-        if format not in ("dense", "csr"):
-            raise InputError(f"format is {format!r}", mend="Use dense or csr")
-        lattice = self.contact_lattice(atoms, motions)
+        layout, lattice = one_of("format", format, ("dense", "csr")), self.contact_lattice(atoms, motions)
         table, n, blocks, moving = lattice.contacts, lattice.n_balls, contact_blocks(lattice), lattice.motions
         size = blocks.shape[1] // 2
         ends = np.stack([table.i, table.j], axis=1)
@@ -675,7 +673,7 @@ class HertzMindlin(ContactCalculator):
         first = np.broadcast_to(index[:, :, None], blocks.shape).ravel()
         second = np.broadcast_to(index[:, None, :], blocks.shape).ravel()
         slots = list(range(size) if moving.name == IN_PLANE.name else moving.slots)
-        if format == "csr":
+        if layout == "csr":
             from scipy.sparse import coo_array
 
             sparse = coo_array((blocks.ravel(), (first, second)), shape=(size * n, size * n)).tocsr()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -40,12 +41,11 @@ class DensityOfStates(Result):
     warnings : one sentence for each limit of the model that the state exceeds, and for branches that cost no energy.
     """
 
-    units = {"frequencies": "Hz", "total": "1/Hz", "translational": "1/Hz", "rotational": "1/Hz"}
-    _shapes = {"frequencies": "n", "translational": "n", "rotational": "n"}
+    units = {"total": "1/Hz"}
 
-    frequencies: Array
-    translational: Array
-    rotational: Array
+    frequencies: Annotated[Array, "n", "Hz"]
+    translational: Annotated[Array, "n", "1/Hz"]
+    rotational: Annotated[Array, "n", "1/Hz"]
     method: str
     mesh: tuple[int, ...]
     warnings: tuple[str, ...] = ()

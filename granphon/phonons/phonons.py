@@ -17,7 +17,7 @@ from granphon.base.arrays import Array
 from granphon.base.errors import InputError, PrecisionError, brief, needing
 from granphon.base.scales import Units
 from granphon.base.text import counted
-from granphon.base.validation import frequency_array, grid_numbers, is_one_of, positive, real_array, whole_number
+from granphon.base.validation import frequency_array, grid_numbers, one_of, positive, real_array, whole_number
 from granphon.dynamics.bloch_waves import LEAST_PART, find_bloch_waves
 from granphon.dynamics.compatibility import MOST_BYTES
 from granphon.dynamics.contact_lattice import ContactLattice
@@ -408,9 +408,7 @@ class Phonons:
         p = self._periods
         given, example = MESHES[p - 1] if mesh is None else mesh, " ".join(map(str, _pad((64,) * p)))
         numbers = grid_numbers("mesh", given, 1, LARGEST_COUNT, example, p)
-        if not is_one_of(method, ("tetrahedron", "smearing")):
-            raise InputError(f"method is {brief(method)}", mend="Use tetrahedron or smearing")
-        count = whole_number("points", points, 12, LARGEST_COUNT)
+        by, count = one_of("method", method, ("tetrahedron", "smearing")), whole_number("points", points, 12, LARGEST_COUNT)
         if np.prod(numbers, dtype=float) > _MOST_MESH_POINTS:
             what = f"a mesh of {' x '.join(map(str, numbers))} wave vectors is too large"
             raise InputError(what, mend=f"Take {_MOST_MESH_POINTS:.0e} at most in all")
@@ -425,7 +423,7 @@ class Phonons:
         if top == 0.0:
             raise InputError("every branch vanishes", "The motions deform no contact", "Use friction or bending")
         at = np.linspace(0.0, 1.02 * top, count)
-        if method == "tetrahedron":
+        if by == "tetrahedron":
             if sigma is not None:
                 raise InputError("sigma is for the smearing method only", mend="Give method='smearing'")
             # each value is the mean over its own interval, a difference of the integrated density: van Hove singularities
@@ -453,7 +451,7 @@ class Phonons:
             density = np.stack([np.sum(weight * bell, axis=(1, 2)) for bell in bells], axis=1)
         density = density / (len(self.atoms) * self.scales.frequency)
         return DensityOfStates(
-            at * self.scales.frequency, density[0], density[1], method, numbers, self._find_warnings(q, values)
+            at * self.scales.frequency, density[0], density[1], by, numbers, self._find_warnings(q, values)
         )
 
     def gaps(self, mesh: Sequence[int] | None = None) -> Array:

@@ -7,17 +7,18 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.balls.layers import EDGES
 from granphon.base.arrays import Array
 from granphon.base.errors import GranphonError, InputError
 from granphon.base.results import Result
 from granphon.base.staging import write_text
 from granphon.base.tables import Heading, table_text
-from granphon.base.validation import finite_array, positive, real_array, whole_number
+from granphon.base.validation import finite_array, one_of, positive, real_array, whole_number
 from granphon.dynamics.half_space import HalfSpace
 from granphon.media.state import State
 from granphon.networks.network import given_network
@@ -44,14 +45,11 @@ class SurfaceBranches(Result):
     weight : (n,) part of its kinetic energy in the outer layers, as many as contacts reach across.
     """
 
-    units = {"frequencies": "Hz", "widths": "Hz"}
-    _shapes = {"qpoints": "q 3", "place": "n", "frequencies": "n", "widths": "n", "weight": "n"}
-
-    qpoints: Array
-    place: NDArray[np.intp]
-    frequencies: Array
-    widths: Array
-    weight: Array
+    qpoints: Annotated[Array, "q 3"]
+    place: Annotated[NDArray[np.intp], "n"]
+    frequencies: Annotated[Array, "n", "Hz"]
+    widths: Annotated[Array, "n", "Hz"]
+    weight: Annotated[Array, "n"]
 
     def __len__(self) -> int:
         return len(self.qpoints)
@@ -62,7 +60,7 @@ class SurfaceBranches(Result):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SurfaceSpectrum(Result):
+class SurfaceSpectrum(Result, array="values"):
     """Spectrum of the outer layer of a half space. ``np.asarray`` of it is ``values``.
 
     Attributes
@@ -79,29 +77,17 @@ class SurfaceSpectrum(Result):
     corners, labels : (c,) the same of the corners of the path, and their names.
     """
 
-    units = {
-        "frequencies": "Hz", "values": "1/Hz", "by_motion": "1/Hz", "damping": "Hz", "edges": "Hz", "distances": "1",
-        "corners": "1",
-    }  # fmt: skip
-    _shapes = {
-        "qpoints": "q 3", "frequencies": "f", "values": "q f", "by_motion": "q f m", "edges": "q b 2", "corners": "c",
-        "labels": "c",
-    }  # fmt: skip
-
-    qpoints: Array
-    frequencies: Array
-    values: Array
-    by_motion: Array
+    qpoints: Annotated[Array, "q 3"]
+    frequencies: Annotated[Array, "f", "Hz"]
+    values: Annotated[Array, "q f", "1/Hz"]
+    by_motion: Annotated[Array, "q f m", "1/Hz"]
     letters: tuple[str, ...]
-    damping: float
-    edges: Array
+    damping: Annotated[float, "", "Hz"]
+    edges: Annotated[Array, "q b 2", "Hz"]
     waves: SurfaceBranches | None = None
-    distances: Array = field(default_factory=lambda: np.zeros(0))
-    corners: Array = field(default_factory=lambda: np.zeros(0))
-    labels: tuple[str, ...] = ()
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        return np.array(self.values, dtype)
+    distances: Annotated[Array, "", "1"] = field(default_factory=lambda: np.zeros(0))
+    corners: Annotated[Array, "c", "1"] = field(default_factory=lambda: np.zeros(0))
+    labels: Annotated[tuple[str, ...], "c"] = ()
 
     def write_csv(self, path: str | os.PathLike[str]) -> None:
         """Write a table of the ``waves``: a row for each, with its wave vector, and the distance along the path."""
@@ -139,10 +125,8 @@ class Surface:
     """
 
     def __init__(self, x: Any, axis: Any, edge: str = "free") -> None:
-        if edge not in ("free", "clamped", "floor"):
-            raise InputError(f"edge is {edge!r}", mend="Give 'free', 'clamped' or 'floor'")
         self.network = given_network(x)
-        self.half_space = HalfSpace(self.network, axis, edge)
+        self.half_space = HalfSpace(self.network, axis, one_of("edge", edge, EDGES))
 
     def __repr__(self) -> str:
         half = self.half_space

@@ -24,8 +24,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.balls.packing import Packing
-from granphon.balls.parameters import PARAMETERS
+from granphon.balls.packing import PARAMETERS, Packing
 from granphon.base.errors import InputError, InstabilityError, MechanismError, MissingPackageError, needing
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import LIGHT_VELOCITY, LOAD_KINDS, find_load_unit, is_si
@@ -665,8 +664,10 @@ class SweepAccessor:
         x, y = (one.transpose("load", ...).values.astype(float) for one in (loads, values))
         if not (np.all(x > 0.0) and np.all(y[~np.isnan(y)] > 0.0) and np.all(np.diff(x, axis=0) > 0.0)):
             raise InputError(f"{name} has no exponent here", "Loads must ascend, and values be above zero")
-        x, y = np.log(x.reshape(len(x), *(1,) * (y.ndim - 1)) if x.ndim == 1 else x + 0.0 * y), np.log(y)
-        found = values.transpose("load", ...).copy(data=_slopes(np.broadcast_to(x, y.shape), y))
+        x = np.broadcast_to(x.reshape(len(x), *(1,) * (y.ndim - 1)) if x.ndim == 1 else x, y.shape)
+        columns = (np.log(one).reshape(len(one), -1).T for one in (x, y))
+        slopes = [np.gradient(f, at, edge_order=2) for at, f in zip(*columns, strict=True)]
+        found = values.transpose("load", ...).copy(data=np.transpose(slopes).reshape(y.shape))
         found.attrs = {"units": "1", "long_name": f"local exponent of {values.attrs.get('long_name', name)}"}
         return found.transpose(*values.dims).rename(f"{name}_exponent")
 
@@ -678,17 +679,6 @@ class SweepAccessor:
         import granphon
 
         return granphon.fit_width(self.packing, force, velocity, *more, **options)
-
-
-def _slopes(x: Any, y: Any) -> Any:
-    """Return the slope at each point of the parabola through it and its neighbours, along the first axis."""
-    out = np.empty_like(y)
-    for at in range(len(x)):
-        first = min(max(at - 1, 0), len(x) - 3)
-        (a, b, c), (fa, fb, fc) = x[first : first + 3], y[first : first + 3]
-        ab, bc = (fb - fa) / (b - a), (fc - fb) / (c - b)
-        out[at] = ab + (bc - ab) / (c - a) * (2.0 * x[at] - a - b)
-    return out
 
 
 def register_accessor() -> None:

@@ -21,8 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import as_direction, find_lattice
 from granphon.balls.loads import Load
-from granphon.balls.packing import Packing
-from granphon.balls.parameters import Axis, find_double
+from granphon.balls.packing import Axis, Packing, find_double
 from granphon.base.errors import ConvergenceError, GranphonError, InputError, OutputError
 from granphon.base.progress import Progress, silent
 from granphon.base.staging import ResultFiles, is_whole
@@ -95,8 +94,8 @@ def sweep(
     resume : if the sweep in ``path`` is complete, return it, and compute and write nothing.
     overwrite : replace existing files, and discard the finished tasks of another sweep to ``path``.
     store : where finished tasks are kept, instead of beside ``path``. Results that it holds are used; the caller clears it.
-    **parameters : values of any of :data:`~granphon.balls.parameters.PARAMETERS`; of a crystal those of its kinds, as
-        {"A.young_modulus": [...]}, any of :data:`~granphon.balls.parameters.KIND_PARAMETERS` but the diameter.
+    **parameters : values of any of :data:`~granphon.balls.packing.PARAMETERS`; of a crystal those of its kinds, as
+        {"A.young_modulus": [...]}, any of :data:`~granphon.balls.packing.KIND_PARAMETERS` but the diameter.
         A ``width`` (W, m) scales the spread and keeps its shape, which is uniform if the packing has no spread; a
         ``diameter`` leaves the spread as it is.
         Lattices must have the same number of periods.

@@ -32,7 +32,7 @@ from granphon.array.sample import Sample
 from granphon.array.true_equilibrium import TrueEquilibrium
 from granphon.balls.lattices import Lattice
 from granphon.balls.loads import Load
-from granphon.balls.parameters import Axis, combine
+from granphon.balls.packing import Axis, combine
 from granphon.base.errors import ConvergenceError, GranphonError, InputError, MechanismError
 from granphon.base.registry import list_added
 from granphon.base.results import plain, read_only
@@ -40,8 +40,8 @@ from granphon.base.text import counted
 from granphon.media.arrangement import Balls
 from granphon.media.choice import MediumChoice, ServingMedium
 from granphon.media.cost import estimate
-from granphon.media.equilibria import sort_by_load
 from granphon.media.limits import Check
+from granphon.media.loading import sort_by_load
 from granphon.media.simulation import HISTORY_UNITS, DirectSimulation, SimulatedState
 from granphon.media.state import ContactState
 from granphon.observables.catalogue import Analysis, find_all, warn_of_missing_error

@@ -38,7 +38,7 @@ from granphon.base.tables import Heading, table_text
 from granphon.media.choice import ServingMedium
 from granphon.media.cost import find_typical_force
 from granphon.media.crystal import CrystalState
-from granphon.media.mean_field import AveragedLattice
+from granphon.media.medium import AveragedLattice
 from granphon.media.state import ContactState, NetworkState, ideal_lattice
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.phonons.surfaces import SurfaceSpectrum

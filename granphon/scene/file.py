@@ -32,7 +32,6 @@ from granphon.media.arrangement import Arrangement
 from granphon.phonons.paths import BandPath, read_labels
 from granphon.scene import rules
 from granphon.scene.rules import PARTS, SCENE_SCHEMA, Context, Kind, choose_lattice, split_tensor, table_named
-from granphon.waves.drives import named_tables
 from granphon.waves.settings import (
     NETWORK_BLOCKS,
     POLARISATIONS,
@@ -40,6 +39,7 @@ from granphon.waves.settings import (
     PulseSettings,
     SpectrumSettings,
     SurfaceSettings,
+    named_tables,
     wave_rules,
     write_setting,
 )

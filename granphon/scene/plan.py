@@ -19,8 +19,7 @@ from granphon.balls.contact_table import touch_once_at_most
 from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.layers import Layers
 from granphon.balls.loads import Load
-from granphon.balls.packing import Packing
-from granphon.balls.parameters import Axis, change_packing, count_combinations, find_unit
+from granphon.balls.packing import Axis, Packing, change_packing, count_combinations, find_unit
 from granphon.base.errors import GranphonError, InputError, MechanismError, Refused
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import LENGTH, find_load_unit
@@ -96,13 +95,14 @@ class PlannedCase:
         """State of the contacts under the first load, the only one if the scene is not a sweep."""
         return self._find_state(0)
 
-    def states(self, wanted: Callable[[ServingMedium], bool]) -> Iterator[tuple[str, ContactState]]:
-        """Label and state of each medium for which ``wanted`` is true.
+    def states(self, quick: bool) -> Iterator[tuple[str, ContactState]]:
+        """Label and state of each medium, or of those alone whose states are ``quick`` to find.
 
         Quantities of a state have the shape (n,) for the n loads that the medium serves, or () if the case has one load.
         """
-        for serving in filter(wanted, self.serving_media):
-            yield self.case.name(serving), self.state if self.case.load.size == 1 else self._solve(serving, serving.load)
+        for serving in self.serving_media:
+            if serving.is_quick or not quick:
+                yield self.case.name(serving), self.state if self.case.load.size == 1 else self._solve(serving, serving.load)
 
     @cached_property
     def is_possible(self) -> bool:
@@ -467,19 +467,16 @@ class Plan:
         with case.at_load(0):
             return case.state
 
-    def states(self, simulations: bool = True, lists: bool = True) -> Iterator[tuple[str, ContactState]]:
-        """Return label and state of every medium at every combination of parameters, one after the other.
+    def states(self, quick: bool = False, cases: Iterable[PlannedCase] | None = None) -> Iterator[tuple[str, ContactState]]:
+        """Return label and state of every medium at every combination of parameters, or of some ``cases``, one by one.
 
-        Quantities of a state have the shape (n_loads,), or () for one load. A state is solved when its turn comes;
-        simulations are left out without ``simulations``, cluster media and effective media of long lists without ``lists``.
+        Quantities of a state have the shape (n_loads,), or () for one load. A state is solved when its turn comes; with
+        ``quick`` simulations, cluster media and effective media of long lists are left out.
         :class:`~granphon.base.errors.InputError` at the first medium that cannot carry the loads.
         """
-        return self._solve(self.cases, simulations, lists)
-
-    def _solve(self, cases: Iterable[PlannedCase], simulations: bool, lists: bool) -> Iterator[tuple[str, ContactState]]:
-        for one in cases:
+        for one in self.cases if cases is None else cases:
             _ = one.is_possible
-            yield from one.states(lambda serving: serving.is_quick or (simulations if serving.arrays else lists))
+            yield from one.states(quick)
 
     def survey(self) -> tuple[Iterator[tuple[str, ContactState]], str]:
         """Return the :meth:`states` that are quick to find, and words for what is left out, an empty text if nothing is.
@@ -496,7 +493,7 @@ class Plan:
         cases = self._place(grid) if many else self.cases
         slow = {serving.medium.name for one in cases for serving in one.serving_media if not serving.is_quick}
         left += [medium.slow_part for name, medium in MEDIA.items() if name in slow and medium.slow_part]
-        return self._solve(cases, simulations=False, lists=False), " and ".join(left)
+        return self.states(True, cases), " and ".join(left)
 
     def expect_warnings(self) -> list[tuple[str, str]]:
         """Return what is known of simulations before they are run: the label of each medium, and a warning."""

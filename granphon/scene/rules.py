@@ -21,11 +21,10 @@ from granphon.balls.ball import Ball
 from granphon.balls.contact_laws import LAWS, TabulatedLaw
 from granphon.balls.diameters import Discrete, Measured, Normal, Uniform
 from granphon.balls.lattices import LATTICES, STRUCTURES, TRIANGULAR, Lattice, as_direction, find_lattice, name_structure
-from granphon.balls.layers import EDGES, read_axis
+from granphon.balls.layers import read_axis, read_edges
 from granphon.balls.material import Material, read_poisson_ratio
 from granphon.balls.motions import allowed_motions
-from granphon.balls.packing import MINDLIN
-from granphon.balls.parameters import KIND_PARAMETERS, PARAMETERS, Axis, find_double, find_unit
+from granphon.balls.packing import KIND_PARAMETERS, MINDLIN, PARAMETERS, Axis, find_double, find_unit
 from granphon.base.errors import InputError, Refused
 from granphon.base.quantities import (
     DENSITY,
@@ -62,8 +61,7 @@ from granphon.base.validation import (
 )
 from granphon.media.choice import MEDIA, MediumChoice, read_medium
 from granphon.observables.catalogue import CATALOGUE
-from granphon.waves.drives import read_drives, write_drives
-from granphon.waves.settings import NETWORK_BLOCKS
+from granphon.waves.settings import NETWORK_BLOCKS, read_drives, write_drives
 
 #: version number of the layout of a scene file, its key "schema"
 SCENE_SCHEMA = 1
@@ -571,17 +569,9 @@ def _read_removed(value: Any) -> tuple[int, ...]:
 
 
 def _read_cut(value: Any) -> tuple[Any, int, tuple[str, str]]:
-    rules: dict[str, Rule] = {"axis": read_axis, "layers": partial(whole, low=1, high=1_000_000), "edges": _read_edges}
+    rules: dict[str, Rule] = {"axis": read_axis, "layers": partial(whole, low=1, high=1_000_000), "edges": read_edges}
     given = block(value, rules, ("axis", "layers"))
     return given["axis"], given["layers"], given.get("edges", ("free", "free"))
-
-
-def _read_edges(value: Any) -> tuple[str, str]:
-    words = value.split() if isinstance(value, str) else value
-    if not isinstance(words, list | tuple) or len(words) not in (1, 2):
-        raise Refused(show(value), f"one word for both faces, or two for the lower and the upper: {', '.join(EDGES)}")
-    found = each(list(words), partial(choice, options=EDGES), "edges")
-    return found[0], found[-1]
 
 
 def _write_cuts(cuts: Any) -> Any:

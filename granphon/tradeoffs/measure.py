@@ -32,8 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.balls.contact_table import TOUCH, select_once, steps_within
-from granphon.balls.diameters import Spread
-from granphon.balls.distributions import PointShape
+from granphon.balls.diameters import PointShape, Spread
 from granphon.balls.hertz import EXPONENT, FREQUENCY_EXPONENT
 from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.balls.loads import Load
@@ -46,13 +45,13 @@ from granphon.base.scales import write_quantity
 from granphon.base.tables import table_text
 from granphon.base.text import digest
 from granphon.base.validation import choice, each, number, require, truth, whole
-from granphon.dynamics.tensors import bulk_and_shear, longitudinal_modulus
+from granphon.dynamics.long_waves import bulk_and_shear, longitudinal_modulus
 from granphon.laws.effective import EffectiveLaw, effective_curve, solve_curve
 from granphon.media.choice import even_shape
 from granphon.media.cost import Cost, estimate, write_duration
-from granphon.media.friction_history import REFERENCE_OPTIONS, REST, FrictionHistory
 from granphon.media.left_out import LATTICE
-from granphon.media.mean_field import AveragedForce, AveragedLattice, EffectiveMedium
+from granphon.media.loading import REFERENCE_OPTIONS, REST, FrictionHistory
+from granphon.media.medium import AveragedForce, AveragedLattice, EffectiveMedium
 from granphon.media.simulation import DirectSimulation
 from granphon.media.state import ContactState, ideal_lattice
 from granphon.observables.velocities import local_exponent, sound_velocities

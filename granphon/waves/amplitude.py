@@ -46,7 +46,7 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
     def find(times: int) -> tuple[Any, Any]:
         """Return D and the elongations (n_c, size) of the harmonic of this number, dense."""
         phase = np.exp(times * turn)
-        return operator.weigh(phase=phase).toarray(), operator.compose(operator.rows, phase).toarray()[:n]
+        return operator.weigh(phase=phase).toarray(), operator.compose(operator.law_rows, phase).toarray()[:n]
 
     own, stretch = find(1)
     squares, vectors = np.linalg.eigh(own)

@@ -11,15 +11,14 @@ deformations.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls import hertz
-from granphon.balls.contact_laws import opening_overlap
-from granphon.base.arrays import Array, Index
+from granphon.base.arrays import Array
+from granphon.media.crystal_statics import Springs
 
 #: numbers that are worked on at a time, which stay in the processor's cache
 _ROOM = 2**17
@@ -99,31 +98,25 @@ class Powers:
 
 
 class PairLaws:
-    """Normal forces by the laws of pairs (:class:`~granphon.balls.contact_laws.PairLaw`), each of some of the contacts."""
+    """Normal forces by the laws of pairs (:class:`~granphon.balls.contact_laws.PairLaw`), each of some of the contacts.
+
+    The last ``apart`` contacts are those of balls that may meet, which no load holds.
+    """
 
     divides = False
 
-    def __init__(self, groups: Sequence[tuple[Any, Index]], overlap: Array, apart: int = 0) -> None:
-        self.groups, self.overlap, self.least = groups, overlap, np.zeros(len(overlap))
-        for law, at in groups:
-            self.least[at] = opening_overlap(law)
-        self.rest = self._find("force", overlap)
-        start = np.maximum(overlap, self.least)
-        if apart:  # the last are those of balls that may meet, which no load holds
-            self.rest[-apart:], start[-apart:] = 0.0, np.maximum(self.least[-apart:], -np.finfo(float).max)
-        self._energy = self._find("energy", start)
-
-    def _find(self, name: str, overlap: Array) -> Array:
-        out = np.empty(len(self.overlap))
-        for law, at in self.groups:
-            out[at] = getattr(law, name)(overlap[at])
-        return out
+    def __init__(self, springs: Springs, overlap: Array, apart: int = 0) -> None:
+        self.springs, self.overlap, self.rest = springs, overlap, springs.force(overlap)
+        start = np.maximum(overlap, springs.least)
+        if apart:
+            self.rest[-apart:], start[-apart:] = 0.0, np.maximum(springs.least[-apart:], -np.finfo(float).max)
+        self._energy = springs.energy(start)
 
     def press(self, e: Array, at: slice = slice(None), out: Any = None) -> tuple[Array, Array]:
         """As for :class:`Powers`, of all contacts."""
         change, k = (np.empty_like(e), np.empty_like(e)) if out is None else out
         h = self.overlap - e
-        change[:], k[:] = self._find("force", h) - self.rest, np.maximum(self._find("stiffness", h), 0.0)
+        change[:], k[:] = self.springs.force(h) - self.rest, np.maximum(self.springs.stiffness(h), 0.0)
         return change, k
 
     def mean(self, e: Array, other: Array) -> Array:
@@ -132,11 +125,11 @@ class PairLaws:
 
     def store(self, e: Array) -> Array:
         """As for :class:`Powers`; below zero where contacts adhere. Where they have broken it is that at the break."""
-        return self._find("energy", np.maximum(self.overlap - e, self.least)) - self._energy + self.rest * e
+        return self.springs.energy(np.maximum(self.overlap - e, self.springs.least)) - self._energy + self.rest * e
 
     def is_closed(self, e: Array) -> NDArray[np.bool_]:
         """Whether contacts are closed."""
-        return np.asarray(self.overlap - e > self.least)
+        return np.asarray(self.overlap - e > self.springs.least)
 
 
 def _mean_of(law: Powers | PairLaws, e: Array, other: Array) -> Array:

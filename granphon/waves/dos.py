@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Annotated
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from granphon.array.sample import standard_error
 from granphon.balls.diameters import uniform_numbers
@@ -27,7 +27,7 @@ _BLOCK = 2**22
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LocalDensity(Result):
+class LocalDensity(Result, array="values"):
     """Local density of states of a ball, by its motions; ``np.asarray`` of it is ``values``.
 
     That of a motion is the sum over all modes of their kinetic energy in it, each line broadened by the Jackson kernel.
@@ -42,18 +42,12 @@ class LocalDensity(Result):
     moments : number of Chebyshev moments.
     """
 
-    units = {"frequencies": "Hz", "values": "1/Hz", "resolution": "Hz"}
-    _shapes = {"frequencies": "f", "values": "f m"}
-
-    frequencies: Array
-    values: Array
+    frequencies: Annotated[Array, "f", "Hz"]
+    values: Annotated[Array, "f m", "1/Hz"]
     letters: tuple[str, ...]
     ball: int
-    resolution: float
+    resolution: Annotated[float, "", "Hz"]
     moments: int
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        return np.array(self.values, dtype)
 
 
 def find_local_density(
@@ -99,22 +93,15 @@ class SpectralDensity(Refinable):
     warnings : one sentence for each limit of the contact law that the network exceeds.
     """
 
-    units = {
-        "frequencies": "Hz", "total": "1/Hz", "translational": "1/Hz", "rotational": "1/Hz", "error": "1/Hz",
-        "translational_error": "1/Hz", "rotational_error": "1/Hz", "top": "Hz",
-    }  # fmt: skip
-    _shapes = {
-        "frequencies": "n", "translational": "n", "rotational": "n", "error": "n", "translational_error": "n",
-        "rotational_error": "n",
-    }  # fmt: skip
+    units = {"total": "1/Hz"}
 
-    frequencies: Array
-    translational: Array
-    rotational: Array
-    error: Array
-    translational_error: Array
-    rotational_error: Array
-    top: float
+    frequencies: Annotated[Array, "n", "Hz"]
+    translational: Annotated[Array, "n", "1/Hz"]
+    rotational: Annotated[Array, "n", "1/Hz"]
+    error: Annotated[Array, "n", "1/Hz"]
+    translational_error: Annotated[Array, "n", "1/Hz"]
+    rotational_error: Annotated[Array, "n", "1/Hz"]
+    top: Annotated[float, "", "Hz"]
     moments: int
     vectors: int
     seed: int
@@ -160,18 +147,9 @@ class AllModes:
         translational, rotational = kernel.densities(found / self._balls)
         nothing = np.zeros(kernel.count)
         return SpectralDensity(
-            kernel.frequencies,
-            translational,
-            rotational,
-            nothing,
-            nothing,
-            nothing,
-            kernel.top,
-            moments,
-            0,
-            self._seed,
+            kernel.frequencies, translational, rotational, nothing, nothing, nothing, kernel.top, moments, 0, self._seed,
             self._warnings,
-        )._with_work(partial(self.find, vectors=0))
+        )._with_work(partial(self.find, vectors=0))  # fmt: skip
 
 
 class RandomVectors:

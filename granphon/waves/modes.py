@@ -20,7 +20,7 @@ import math
 from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -158,9 +158,7 @@ class Problem:
         pressed = operator.matrix @ whole
         if operator.network.prestress:
             squares, turned = np.linalg.eigh(whole.T @ pressed)
-            if squares[0] < -find_limit(operator):
-                raise InstabilityError(UNSTABLE)
-            omega = np.sqrt(np.maximum(squares, 0.0))
+            omega = find_roots(operator, squares)
         else:
             # the squares of R are those of A, whose rows are many more
             triangle = np.asarray(np.linalg.qr(operator.root @ whole, mode="r"))
@@ -185,12 +183,15 @@ class Problem:
         return np.sort(cost[np.argsort(np.abs(omega[cost] - target), kind="stable")[:count]])
 
 
-def find_limit(operator: WaveOperator) -> float:
-    """Return how far below zero a squared frequency of a stable network may be, (rad/s)^2.
+def find_roots(operator: WaveOperator, squares: Array) -> Array:
+    """Return angular frequencies, rad/s, of their squares, which ascend; those below zero are rounding of zero.
 
-    Static tangential forces set no limit: D, which lacks a part of them, lowers frequencies of zero.
+    Raises :class:`~granphon.base.errors.InstabilityError` if one is not. With static tangential forces there is no limit: D,
+    which lacks a part of them, lowers frequencies of zero.
     """
-    return (ZERO * operator.top) ** 2 if operator.whole is None else math.inf
+    if operator.whole is None and squares[0] < -((ZERO * operator.top) ** 2):
+        raise InstabilityError(UNSTABLE)
+    return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
 
 
 def make_too_few(there: int, count: int) -> InputError:
@@ -416,10 +417,7 @@ def _solve(problem: Problem, window: _Window, basis: Array) -> _Found:
     parts = range(0, basis.shape[1], _COLUMNS)
     pressed = np.hstack([basis.T @ (matrix @ basis[:, at : at + _COLUMNS]) for at in parts])
     squares, turned = np.linalg.eigh(0.5 * (pressed + pressed.T))
-    if squares[0] < -find_limit(problem.operator):
-        raise InstabilityError(UNSTABLE)
-    low, high = window.part(1.0)
-    omega = np.sqrt(np.maximum(squares, 0.0))
+    (low, high), omega = window.part(1.0), find_roots(problem.operator, squares)
     inside = (omega <= top * math.cos(low / 2.0)) & (omega >= top * (math.cos(high / 2.0) - ZERO))
     omega, turned = omega[inside], turned[:, inside]
     vectors, residuals = [basis[:, :0]], [omega[:0]]
@@ -467,12 +465,10 @@ class NetworkModes(Result):
     network : the network whose modes these are.
     """
 
-    units = {"frequencies": "Hz"}
-    _shapes = {"frequencies": "m", "vectors": "m n c"}
     _notebook_fields = ("warnings",)
 
-    frequencies: Array
-    vectors: Array
+    frequencies: Annotated[Array, "m", "Hz"]
+    vectors: Annotated[Array, "m n c"]
     displacements: int
     moving: int
     zero_modes: int | None
@@ -640,9 +636,7 @@ def _find_dense(problem: Problem, count: int, target: float) -> Eigenpairs:
         what = f"{count} modes of {problem.live.size} motions, with those without energy, are too many to be found"
         raise InputError(what, mend="Ask for fewer")
     squares, vectors = eigh(problem.shifted(0.0).toarray())
-    if squares[0] < -find_limit(problem.operator):
-        raise InstabilityError(UNSTABLE)
-    omega = np.sqrt(np.maximum(squares, 0.0))
+    omega = find_roots(problem.operator, squares)
     chosen = problem.choose(omega, count, target)
     if chosen.size < count:
         raise make_too_few(chosen.size, count)

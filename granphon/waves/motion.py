@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from itertools import chain
 from pathlib import Path
-from typing import Any, BinaryIO, Literal, Self
+from typing import Annotated, Any, BinaryIO, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +18,7 @@ from granphon.base.errors import InputError, OutputError, brief
 from granphon.base.records import RecordFile, hold, read_records
 from granphon.base.results import Result, plain
 from granphon.base.staging import explaining, put_beside
-from granphon.base.validation import number, positive, require, whole_number
+from granphon.base.validation import number, one_of, positive, require, whole_number
 from granphon.networks.network import ContactNetwork
 
 #: what a file of a motion says about itself
@@ -49,31 +49,21 @@ class Motion(Result):
     met : (n_m, 2) balls of contacts that came about beside those of the network: the last columns of ``forces``.
     """
 
-    units = {
-        "times": "s", "displacements": "m", "velocities": "m/s", "rotations": "rad", "spins": "rad/s", "forces": "N",
-        "shears": "N", "translation": "J", "rotation": "J", "stored": "J", "lost": "J", "work": "J", "step": "s",
-    }  # fmt: skip
-    _shapes = {
-        "times": "f", "displacements": "f n 3", "velocities": "f n 3", "rotations": "f n 3", "spins": "f n 3",
-        "forces": "f c", "shears": "f c", "met": "m 2", "translation": "f", "rotation": "f", "stored": "f", "lost": "f",
-        "work": "f",
-    }  # fmt: skip
-
-    times: Array
-    displacements: Array
-    velocities: Array
-    rotations: Array
-    spins: Array
-    forces: Array
-    shears: Array
-    translation: Array
-    rotation: Array
-    stored: Array
-    lost: Array
-    work: Array
-    step: float
+    times: Annotated[Array, "f", "s"]
+    displacements: Annotated[Array, "f n 3", "m"]
+    velocities: Annotated[Array, "f n 3", "m/s"]
+    rotations: Annotated[Array, "f n 3", "rad"]
+    spins: Annotated[Array, "f n 3", "rad/s"]
+    forces: Annotated[Array, "f c", "N"]
+    shears: Annotated[Array, "f c", "N"]
+    translation: Annotated[Array, "f", "J"]
+    rotation: Annotated[Array, "f", "J"]
+    stored: Annotated[Array, "f", "J"]
+    lost: Annotated[Array, "f", "J"]
+    work: Annotated[Array, "f", "J"]
+    step: Annotated[float, "", "s"]
     network: ContactNetwork
-    met: Index = field(default_factory=lambda: np.zeros((0, 2), np.intp))
+    met: Annotated[Index, "m 2"] = field(default_factory=lambda: np.zeros((0, 2), np.intp))
 
     def __post_init__(self) -> None:
         # plain data do not keep the shape of an array without numbers
@@ -181,9 +171,7 @@ class Motion(Result):
         if at.ndim != 1 or at.size < 2 or at.dtype.kind not in "iu" or np.any((at < 0) | (at >= self.forces.shape[1])):
             what = f"contacts are {brief(contacts)}"
             raise InputError(what, mend=f"Give two or more of the numbers 0 to {self.forces.shape[1] - 1}")
-        if of not in ("peak", "front"):
-            raise InputError(f"of is {brief(of)}", mend='Give "peak" or "front"')
-        if share is not None and of == "peak":
+        if one_of("of", of, ("peak", "front")) == "peak" and share is not None:
             raise InputError(f"share is {brief(share)}, and a peak has none", mend='Give of="front" too')
         places = self.middles[at] - self.middles[at[0]]
         along = places[-1] if direction is None else np.asarray(direction, float)

@@ -25,7 +25,6 @@ import os
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -34,20 +33,21 @@ from numpy.typing import ArrayLike
 from granphon.balls import hertz
 from granphon.balls.ball import RIGID_PLANE
 from granphon.balls.contact_laws import DMT, JKR, Hertz, PowerLaw, law_between
+from granphon.balls.contact_table import find_pairs, select_once
 from granphon.balls.hertz import HertzLaw
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, LimitWarning, StoppedEarlyWarning, brief
 from granphon.base.progress import Progress, silent
 from granphon.base.threads import single_products
-from granphon.base.validation import choice, not_negative, positive, real_array, real_number, require, whole_number
+from granphon.base.validation import not_negative, one_of, positive, real_array, real_number, whole_number
 from granphon.dynamics.damping import ContactDamping
 from granphon.media.crystal import Crystal, CrystalState
+from granphon.media.crystal_statics import Springs
 from granphon.media.limits import check_limit
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.waves.contact_forces import ContactForces, PairLaws, Powers, Touch
 from granphon.waves.directions import FixedDirections, Moment, PlaneDirections, TrueDirections
 from granphon.waves.motion import Frames, Motion
-from granphon.waves.neighbours import find_neighbours, leave_out, orient
 from granphon.waves.operator import WaveOperator
 from granphon.waves.pulses import read_balls, read_vector, require_moves
 from granphon.waves.settings import GEOMETRIES, SCHEMES
@@ -119,7 +119,7 @@ class NonlinearWaves:
         state = x.touch() if isinstance(x, Crystal) else x
         self.network: ContactNetwork = given_network(state)
         self._state = state if isinstance(state, CrystalState) else None
-        self.geometry, network = require("geometry", partial(choice, options=GEOMETRIES), geometry), self.network
+        self.geometry, network = one_of("geometry", geometry, GEOMETRIES), self.network
         if network.prestress and geometry == "lattice":
             why = "Contacts keep their directions in this motion, and static forces would turn them"
             raise InputError("static forces act sideways in this network", why, 'Give geometry="exact"')
@@ -158,7 +158,7 @@ class NonlinearWaves:
             overlap = springs.overlap(np.zeros_like(force) if unloaded else force)
             exponents = {getattr(one, "exponent", hertz.EXPONENT) for one, _ in springs.groups}
             if len(exponents) > 1 or not all(isinstance(one, HertzLaw | PowerLaw) for one, _ in springs.groups):
-                return PairLaws(springs.groups, overlap)
+                return PairLaws(springs, overlap)
             coefficient = np.empty(network.n_contacts)
             for one, at in springs.groups:
                 coefficient[at] = one.coefficient  # type: ignore[attr-defined]  # a power
@@ -168,7 +168,7 @@ class NonlinearWaves:
             raise InputError(f"law is {brief(law)}", why, "Give the law to the Crystal")
         if not isinstance(law, Hertz | PowerLaw | None):
             one = law_between(law, RIGID_PLANE, RIGID_PLANE)
-            return PairLaws([(one, np.arange(len(force)))], np.asarray(one.overlap(force), float))
+            return PairLaws(Springs([(one, np.arange(force.size))], force.size), np.asarray(one.overlap(force), float))
         if not np.all(force > 0.0):
             what = f"{np.count_nonzero(force <= 0.0)} of {force.size} contacts have no force"
             raise InputError(what, "Their overlap is not known", "Press the network, leave them out, or give a Crystal")
@@ -188,14 +188,17 @@ class NonlinearWaves:
             if isinstance(self.normal, Powers):
                 return self.normal.join(np.array([laws[pair].coefficient for pair in pairs]), none)
             groups = [(law, len(network.i) + np.flatnonzero([pair == one for pair in pairs])) for one, law in laws.items()]
-            return PairLaws([*self.normal.groups, *groups], np.append(self.normal.overlap, none), len(i))
-        if isinstance(self.normal, PairLaws):
-            ((law, at),) = self.normal.groups
-            return PairLaws([(law, np.arange(len(at) + len(i)))], np.append(self.normal.overlap, none), len(i))
-        one = self.normal.coefficient / _root_radius(network.radii, network.i, network.j)
-        if np.ptp(one) > _ALIKE * np.mean(one):
-            raise InputError("balls of unlike materials come to touch", "Their contact law is not known", "Give a Crystal")
-        return self.normal.join(np.mean(one) * _root_radius(network.radii, i, j), none)
+            groups = [*self.normal.springs.groups, *groups]
+        elif isinstance(self.normal, PairLaws):
+            ((law, _),) = self.normal.springs.groups
+            groups = [(law, np.arange(len(network.i) + len(i)))]
+        else:
+            one = self.normal.coefficient / _root_radius(network.radii, network.i, network.j)
+            if np.ptp(one) > _ALIKE * np.mean(one):
+                what = "balls of unlike materials come to touch"
+                raise InputError(what, "Their contact law is not known", "Give a Crystal")
+            return self.normal.join(np.mean(one) * _root_radius(network.radii, i, j), none)
+        return PairLaws(Springs(groups, len(network.i) + len(i)), np.append(self.normal.overlap, none), len(i))
 
     def run(
         self, duration: float, positions: ArrayLike | None = None, velocities: ArrayLike | None = None,
@@ -234,7 +237,7 @@ class NonlinearWaves:
         :class:`~granphon.base.errors.OutputError` where ``file`` is something else than a motion, or cannot be written.
         """
         length, count = positive("duration", duration, "s"), whole_number("frames", frames, 2)
-        require("scheme", partial(choice, options=SCHEMES), scheme)
+        one_of("scheme", scheme, SCHEMES)
         if positions is not None:
             if displacements is not None:
                 raise InputError("positions and displacements are given", mend="Give one of both")
@@ -348,15 +351,13 @@ class _System:
         self._lifts = [one.force for one in drives if one.force is not None]
 
         def field(balls: Index, along: Array, weight: Array) -> Array:
-            vectors = np.zeros((operator.balls.size, operator.motions.count))
-            vectors[np.isin(operator.balls, balls), operator.motions.translating] = along[
-                list(operator.motions.translations)
-            ]
-            return np.asarray(operator.vector(vectors * weight[operator.balls, None]))
+            vector, axes = np.zeros(operator.size), list(operator.motions.translations)
+            vector[operator.places[balls, : len(axes)]] = along[axes] * weight[balls, None]
+            return vector
 
         rooted = np.sqrt(np.where(self.network.moving, masses, 1.0))
         self._push = np.array([field(*one, 1.0 / rooted) for one in pushed]).reshape(len(pushed), operator.size)
-        self._weight = field(np.arange(network.n_balls), waves.gravity, rooted)
+        self._weight = field(operator.balls, waves.gravity, rooted)
         self._lightest = math.sqrt(float(np.min(masses[self.network.moving], initial=np.inf)))
         # balls that may meet are listed anew when one has moved by half of the margin
         self._skin = _SKIN * 2.0 * float(np.mean(self.network.radii[self.network.moving]))
@@ -629,14 +630,15 @@ class _System:
 
     def _list(self, places: Array) -> None:
         """List the balls that may meet; contacts that are listed again keep their state."""
-        network, touch = self.network, self.touch
-        round_ones = np.flatnonzero(np.isfinite(network.radii))
+        network, touch, radii = self.network, self.touch, self.network.radii
+        round_ones = np.flatnonzero(np.isfinite(radii))
         periods, margin = network.cell[list(network.pbc)], self._skin + max(self._bulge, 0.0)
-        i, j, cells = find_neighbours(places[round_ones], network.radii[round_ones], periods, margin)
-        i, j, shift = round_ones[i], round_ones[j], np.zeros((len(i), 3), np.intp)
-        shift[:, list(network.pbc)] = cells
+        i, j, cells, apart = find_pairs(places[round_ones], periods, 2.0 * float(np.max(radii[round_ones])) + margin)
+        near = np.linalg.norm(apart, axis=1) < radii[round_ones[i]] + radii[round_ones[j]] + margin
+        i, j, shift = round_ones[i[near]], round_ones[j[near]], np.zeros((np.count_nonzero(near), 3), np.intp)
+        shift[:, list(network.pbc)] = cells[near]
         flat = np.isinf(network.distance)
-        for wall in np.unique(network.j[flat & np.isinf(network.radii[network.j])]):
+        for wall in np.unique(network.j[flat]):
             one = np.flatnonzero(flat & (network.j == wall))[0]
             plane = places[wall] - network.positions[wall] + network.positions[network.i[one]]
             plane = plane + network.arm_i[one] * network.normal[one]
@@ -644,8 +646,13 @@ class _System:
             near = round_ones[gap < self._skin]
             i, j = np.append(i, near), np.append(j, np.full(len(near), wall))
             shift = np.concatenate([shift, np.zeros((len(near), 3), np.intp)])
-        own, moves = np.column_stack(orient(network.i, network.j, network.shift)), network.moving[i] | network.moving[j]
-        table, n = leave_out(np.column_stack([i, j, shift])[moves], own), network.n_contacts
+        # pairs that are no contacts of the network, each once; contacts begin with the ball that pairs begin with
+        own, n, moves = np.column_stack([network.i, network.j, network.shift]), network.n_contacts, network.moving
+        back = ~select_once(network.i, network.j, network.shift)
+        own[back] = np.column_stack([network.j, network.i, -network.shift])[back]
+        pairs = np.column_stack([i, j, shift])[moves[i] | moves[j]]
+        table, first = np.unique(np.concatenate([own, pairs]), axis=0, return_index=True)
+        table = table[first >= n]
         keys = [tuple(key) for key in table.tolist()]
         if set(keys) == set(self._keys):
             return

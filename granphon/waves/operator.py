@@ -103,7 +103,7 @@ class WaveOperator(LinearOperator[np.float64]):
         return vector.reshape(self.balls.size, self.motions.count, *vector.shape[1:])
 
     @cached_property
-    def _places(self) -> NDArray[np.intp]:
+    def places(self) -> NDArray[np.intp]:
         """(n, motions) the place of each motion in a vector; -1 of balls that do not move."""
         places = np.full((self.network.n_balls, self.motions.count), -1)
         places[self.balls] = self.values(np.arange(self.size))
@@ -125,7 +125,7 @@ class WaveOperator(LinearOperator[np.float64]):
 
         network, m = self.network, self.motions.count
         scale = np.where(network.moving, 1.0 / np.sqrt(network.masses), 0.0)
-        columns = np.hstack([self._places[network.i], self._places[network.j]]).astype(np.int32)
+        columns = np.hstack([self.places[network.i], self.places[network.j]]).astype(np.int32)
         columns[columns < 0] = 0  # of balls that are held: their entries are zero
         entries = np.empty((len(rows), *columns.shape), np.result_type(phase, *root))
         for out, row, weight in zip(entries, rows, root, strict=True):
@@ -144,6 +144,13 @@ class WaveOperator(LinearOperator[np.float64]):
         if not rows:
             raise InputError(f"the motions {self.motions.name!r} deform no contact of this network")
         return rows
+
+    @cached_property
+    def law_rows(self) -> list[Row]:
+        """Elongation, of zeros where no motion makes it, as out of the plane, and the other :attr:`rows`."""
+        rows, none = self.rows, np.zeros_like(self.rows[0].head)
+        made = rows[0].kind == "elongation"
+        return rows if made else [Row("elongation", self.network.normal_stiffness, none, none), *rows]
 
     @cached_property
     def full_root(self) -> csr_array[Any]:

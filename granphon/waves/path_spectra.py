@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, NamedTuple, Self
+from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -44,15 +44,12 @@ class PathSpectra(Result):
     bands : (b, n_branches) frequencies of the lattice of equal contacts with the mean stiffness, Hz.
     """
 
-    units = {"corners": "1/m", "distances": "1/m", "band_distances": "1/m", "bands": "Hz"}
-    _shapes = {"corners": "c", "labels": "c", "distances": "n", "band_distances": "b", "bands": "b m"}
-
-    corners: Array
-    labels: tuple[str, ...]
-    distances: Array
+    corners: Annotated[Array, "c", "1/m"]
+    labels: Annotated[tuple[str, ...], "c"]
+    distances: Annotated[Array, "n", "1/m"]
     spectra: tuple[SpectralFunction, ...]
-    band_distances: Array
-    bands: Array
+    band_distances: Annotated[Array, "b", "1/m"]
+    bands: Annotated[Array, "b m", "Hz"]
 
     @classmethod
     def of(

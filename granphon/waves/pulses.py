@@ -14,7 +14,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +24,7 @@ from granphon.base.errors import InputError, UnreachableFrequencyError, brief
 from granphon.base.results import Result, read_only
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
-from granphon.base.validation import finite_array, not_negative, positive, real_array
+from granphon.base.validation import finite_array, not_negative, one_of, positive, real_array
 from granphon.dynamics.damping import ContactDamping
 from granphon.networks.network import ContactNetwork, number_pieces
 from granphon.waves.modes import require_stable
@@ -297,9 +297,7 @@ def find_arrivals(
 
     Raises :class:`~granphon.base.errors.InputError` for an unknown method.
     """
-    if method not in METHODS:
-        raise InputError(f"the time of flight by {brief(method)} is not known", mend=f"Use {', '.join(METHODS)}")
-    step = float(times[1] - times[0])
+    method, step = one_of("method", method, METHODS), float(times[1] - times[0])
     if method == "correlation":
         from scipy.signal import correlate
 
@@ -384,38 +382,27 @@ class Pulse(Result):
     fastest : (2,) m/s, upper bounds of the velocity of long waves: of this polarisation, and of all.
     """
 
-    units = {
-        "frequency": "Hz", "damping": "s", "tangential_damping": "s", "distance": "m", "times": "s", "sent": "N",
-        "signals": "m/s", "plane_distances": "m", "planes": "m/s", "frames": "s", "velocities": "m/s", "energies": "J",
-        "echo": "m", "fastest": "m/s",
-    }  # fmt: skip
-    _shapes = {
-        "direction": "3", "polarisation": "3", "times": "t", "sent": "t", "sources": "s", "receivers": "r", "samples": "r",
-        "signals": "r t", "plane_distances": "p", "planes": "p t|p", "frames": "f", "velocities": "f n 3|f", "energies": "2",
-        "fastest": "2",
-    }  # fmt: skip
-
-    frequency: float
+    frequency: Annotated[float, "", "Hz"]
     cycles: float
-    direction: Array
-    polarisation: Array
-    damping: float
-    tangential_damping: float
-    distance: float
-    times: Array
-    sent: Array
-    sources: Index
-    receivers: Index
-    samples: Index
-    signals: Array
-    energies: Array
-    plane_distances: Array
-    planes: Array
-    frames: Array
-    velocities: Array
+    direction: Annotated[Array, "3"]
+    polarisation: Annotated[Array, "3"]
+    damping: Annotated[float, "", "s"]
+    tangential_damping: Annotated[float, "", "s"]
+    distance: Annotated[float, "", "m"]
+    times: Annotated[Array, "t", "s"]
+    sent: Annotated[Array, "t", "N"]
+    sources: Annotated[Index, "s"]
+    receivers: Annotated[Index, "r"]
+    samples: Annotated[Index, "r"]
+    signals: Annotated[Array, "r t", "m/s"]
+    energies: Annotated[Array, "2", "J"]
+    plane_distances: Annotated[Array, "p", "m"]
+    planes: Annotated[Array, "p t|p", "m/s"]
+    frames: Annotated[Array, "f", "s"]
+    velocities: Annotated[Array, "f n 3|f", "m/s"]
     warnings: tuple[str, ...] = ()
-    echo: float = math.inf
-    fastest: Array = field(default_factory=lambda: np.full(2, math.inf))
+    echo: Annotated[float, "", "m"] = math.inf
+    fastest: Annotated[Array, "2", "m/s"] = field(default_factory=lambda: np.full(2, math.inf))
 
     def __post_init__(self) -> None:
         # plain data do not keep the shape of an array without numbers
@@ -637,8 +624,8 @@ class PulseSource:
     frequency: float
     direction: ArrayLike
     distance: float
-    cycles: float = 5.0
-    polarisation: str | ArrayLike = "longitudinal"
+    cycles: float
+    polarisation: str | ArrayLike
     _: KW_ONLY
     source: str | int | Sequence[int] = "plane"
     ends: str = "free"
@@ -707,18 +694,17 @@ class Route:
         burst = ToneBurst(hertz, positive("cycles", wanted.cycles))
         if burst.cycles < 1.0:
             raise InputError(f"cycles is {burst.cycles:g}", mend="Give 1 or more")
-        if wanted.ends not in ENDS:
-            raise InputError(f"ends is {brief(wanted.ends)}", mend=f"Use {', '.join(ENDS)}")
+        ends = one_of("ends", wanted.ends, ENDS)
         along = read_vector("direction", wanted.direction, network.dimension)
         push = read_push(network, along, wanted.polarisation)
         apart = _read_list("planes", wanted.planes, "m", "above zero")
         frames = _read_list("frames", wanted.frames, "s", "zero or above")
         farthest = max([length, *apart.tolist()])
         course = Course.along(network, along)
-        if wanted.ends == "periodic":
+        if ends == "periodic":
             course.require_period(2.0 * farthest, "The pulse that runs the other way round would come first")
         course.require_period(farthest, "The pulse would meet itself")
-        course = course.with_ends(wanted.ends)
+        course = course.with_ends(ends)
         # the balls that are pushed, and the place from which distances count
         source, moving = wanted.source, course.network.moving
         if isinstance(source, str):
@@ -758,7 +744,7 @@ class Route:
             duration = positive("duration", wanted.duration, "s")
         else:
             duration = burst.duration + _LATE * farthest / float(fastest[0])
-            if wanted.ends == "periodic":
+            if ends == "periodic":
                 # the pulse that runs the other way round is to come only when the one that is heard is over
                 period, away, velocity = course.period, course.find_distance(start, groups[0]), fastest[0] / margin
                 needed, room = 2.0 * away + velocity * burst.duration, period - velocity * burst.duration
@@ -831,21 +817,16 @@ def transmit(network: ContactNetwork, wanted: PulseSource, operator: WaveOperato
             raise _explain_unreachable(burst.frequency, f"{math.sqrt(top) / (2.0 * math.pi):.6g} Hz")
     damped = ContactDamping.of(course.network, (tau, across))
     _require_short(operator, route.last, float(np.max(damped.times)), across != tau)
-    place = np.full(network.n_balls, -1)
-    place[operator.balls] = np.arange(operator.balls.size)
-    axes = list(operator.motions.translations)
-    e = push[axes]
-    moved = np.zeros((operator.balls.size, operator.motions.count))
-    moved[place[sources], : e.size] = e / np.sqrt(course.network.masses[sources, None])
-    receivers = place[np.concatenate(groups)]
-    root = 1.0 / np.sqrt(course.network.masses[operator.balls])
-    forces = operator.vector(moved)
+    axes, root, receivers = list(operator.motions.translations), 1.0 / np.sqrt(course.network.masses), np.concatenate(groups)
+    e, forces = push[axes], np.zeros(operator.size)
+    forces[operator.places[sources, : e.size]] = e * root[sources, None]
+    heard = operator.places[receivers, : e.size]
     propagation = (
         Propagation(operator, forces, burst, route.last, tau) if across == tau
         else ViscousPropagation(operator, forces, burst, damped)
     )  # fmt: skip
     signals, displaced, moving = propagation.follow(
-        lambda vector: root[receivers] * (operator.values(vector)[receivers, : e.size] @ e),
+        lambda vector: root[receivers] * (vector[heard] @ e),
         route.times,
         np.concatenate([[burst.duration, route.end], route.frames]),
     )
@@ -853,15 +834,15 @@ def transmit(network: ContactNetwork, wanted: PulseSource, operator: WaveOperato
     energies = [0.5 * (v @ v + x @ (operator @ x)) for x, v in zip(displaced[:2], moving[:2], strict=True)]
     velocities = np.zeros((len(route.frames), network.n_balls, 3))
     for frame, vector in zip(velocities, moving[2:], strict=True):
-        frame[operator.balls[:, None], axes] = root[:, None] * operator.values(vector)[:, : e.size]
+        frame[operator.balls[:, None], axes] = root[operator.balls, None] * operator.values(vector)[:, : e.size]
     far = [course.find_distance(route.start, one) for one in groups]
-    heard = Pulse(
+    pulse = Pulse(
         burst.frequency, burst.cycles, course.direction, push, tau, across, far[0], route.times, burst(route.times), sources,
         groups[0], np.zeros(len(groups[0]), int), parts[0], np.array(energies), np.array(far[1:]),
         np.array([np.mean(one, axis=0) for one in parts[1:]]), route.frames, velocities,
         echo=course.find_echo(route.start, groups[0]), fastest=route.fastest,
     )  # fmt: skip
-    return replace(heard, warnings=heard.judge())
+    return replace(pulse, warnings=pulse.judge())
 
 
 def _read_list(name: str, given: ArrayLike, unit: str, span: str) -> Array:

@@ -41,7 +41,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -53,7 +53,7 @@ from granphon.base.results import Result
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
 from granphon.base.threads import single_products
-from granphon.base.validation import frequency_array, positive
+from granphon.base.validation import frequency_array, one_of, positive
 from granphon.dynamics.damping import ContactDamping
 from granphon.networks.network import ContactNetwork
 from granphon.waves.modes import PIVOT
@@ -97,7 +97,7 @@ _ROUNDING = 1e-16
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Response(Result):
+class Response(Result, array="values"):
     """Complex amplitudes of receivers in a steady motion exp(i omega t); ``np.asarray`` of it is ``values``.
 
     Attributes
@@ -115,27 +115,19 @@ class Response(Result):
     warnings : one sentence for the frequencies whose error is above 1e-6, as next to modes without damping.
     """
 
-    units = {"frequencies": "Hz"}
-    _shapes = {
-        "frequencies": "f", "values": "f r", "sources": "s", "pushes": "s 3", "receivers": "r", "directions": "r 3",
-        "error": "f",
-    }  # fmt: skip
     _notebook_fields = ("method",)
 
-    frequencies: Array
-    values: NDArray[np.complex128]
+    frequencies: Annotated[Array, "f", "Hz"]
+    values: Annotated[NDArray[np.complex128], "f r"]
     quantity: str
-    sources: Index
-    pushes: Array
-    receivers: Index
-    directions: Array
-    error: Array
+    sources: Annotated[Index, "s"]
+    pushes: Annotated[Array, "s 3"]
+    receivers: Annotated[Index, "r"]
+    directions: Annotated[Array, "r 3"]
+    error: Annotated[Array, "f"]
     factorisations: int
     steps: int
     warnings: tuple[str, ...] = ()
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        return np.array(self.values, dtype)
 
     def _field_units(self) -> dict[str, str]:
         return {**self.units, "values": QUANTITIES[self.quantity]}
@@ -236,10 +228,8 @@ def find_response(
 ) -> Response:  # fmt: skip
     """Return the response of a network; see :meth:`granphon.waves.waves.Waves.response`."""
     network, hertz = operator.network, frequency_array("frequencies", frequencies)
-    for name, word, known in (("quantity", quantity, tuple(QUANTITIES)), ("method", method, (None, *METHODS))):
-        if word not in known:
-            raise InputError(f"{name} is {brief(word)}", mend=f"Use {', '.join(filter(None, known))}")
-    tolerance = positive("tolerance", tolerance, "")
+    quantity, tolerance = one_of("quantity", quantity, QUANTITIES), positive("tolerance", tolerance, "")
+    method = None if method is None else one_of("method", method, METHODS)
     damped, places = ContactDamping.of(network, damping, loss_factor), _Places(network, direction, polarisation, distance)
     moved = quantity == "transmissibility"
     sources, pushes = places.find("source", source, held=moved)
@@ -253,9 +243,7 @@ def find_response(
     else:
         pushed = operator.vector(amplitude[operator.balls] / np.sqrt(network.masses[operator.balls])[:, None])
         drives = [pushed, np.zeros(operator.size), np.zeros(operator.size)]
-    row = np.full(network.n_balls, -1)
-    row[operator.balls] = np.arange(operator.balls.size)
-    heard = operator.values(np.arange(operator.size))[row[receivers], : len(axes)]
+    heard = operator.places[receivers, : len(axes)]
     ears = directions[:, axes] / np.sqrt(network.masses[receivers])[:, None]
     problem = _Problem(operator, damped, drives, heard, ears, moved, operator.stretch(amplitude) if moved else np.zeros(0))
     values, error, factored, steps = problem.solve(2.0 * math.pi * hertz, method, tolerance)
@@ -594,25 +582,22 @@ class _Problem:
 
     def _factorise(self, omega: Array) -> tuple[Complex, Array]:
         """Return values (n_f, n_r) and errors (n_f,) by factors of Z at each frequency."""
-        from scipy.sparse import csc_array, eye_array
+        from scipy.sparse import eye_array
 
         operator, squared = self.operator, self.operator.top**2
-        # reduced by top^2; the order of the motions is that of least fill; all parts have entries at the same places
-        losses, times = ((operator.weigh(one) if np.any(one) else None) for one in (self.damping.losses, self.damping.times))
-        place = factorise(operator.matrix / squared + eye_array(operator.size)).perm_c
+        # reduced by top^2; the order of the motions is that of least fill
+        place, unit = factorise(operator.matrix / squared + eye_array(operator.size)).perm_c, eye_array(operator.size)
         order = np.argsort(place)
-        given: list[Any] = [operator.matrix, losses, times, squared * eye_array(operator.size, format="csr")]
-        parts = [None if one is None else (one / squared)[order][:, order].tocsc().sorted_indices() for one in given]
-        shape: Any = sum(abs(one).astype(bool) for one in parts if one is not None).tocsc().sorted_indices()
-        entries = [None if one is None else _spread(one, shape) for one in parts]
+        losses, times = ((operator.weigh(one) if np.any(one) else None) for one in (self.damping.losses, self.damping.times))
+        given: list[Any] = [operator.matrix, losses, times]
+        parts = [None if one is None else (one / squared)[order][:, order].tocsc() for one in given]
         drives = [one[order] / squared for one in self.drives]
         values, error = np.zeros((omega.size, len(self.heard)), complex), np.zeros(omega.size)
         for row, w in enumerate(omega.tolist()):
-            data, drive = entries[0] - w**2 / squared * entries[3], drives[0]
-            for part, more, factor in ((entries[1], drives[1], 1j), (entries[2], drives[2], 1j * w)):
+            matrix, drive = parts[0] - w**2 / squared * unit, drives[0]
+            for part, more, factor in ((parts[1], drives[1], 1j), (parts[2], drives[2], 1j * w)):
                 if part is not None and factor:
-                    data, drive = data + factor * part, drive + factor * more
-            matrix = csc_array((data, shape.indices, shape.indptr), shape=shape.shape)
+                    matrix, drive = matrix + factor * part, drive + factor * more
             drive, x, found = drive.astype(matrix.dtype), np.zeros(operator.size, matrix.dtype), values[row]
             try:
                 factors = factorise(matrix, pivot=PIVOT, order="NATURAL")
@@ -668,7 +653,7 @@ class _Problem:
             for place in np.flatnonzero(left & ((length * part <= look) | complete)):
                 matrix = bands[:, :step].copy()
                 matrix[1] -= space.shifts[place]
-                y = solve_banded((1, 1), matrix, np.eye(1, step)[0], check_finite=False)
+                y = solve_banded((1, 1), matrix, np.eye(1, step, dtype=complex)[0], check_finite=False)
                 values[place] = found = size * space.scale[place] * (y @ signals[:step]) + told[place]
                 rest = 0.0 if complete else abs(size) * length * float(part[place])
                 least = abs(space.scale[place]) * loud * rest * space.bound[place]
@@ -677,23 +662,13 @@ class _Problem:
                 # before anything is heard nothing is known
                 enough = _ROUNDING * abs(size) * growth if np.any(found) else 0.0
                 left[place] = not complete and cut > tolerance and rest > enough
-                look[place] = rest / abs(size) * max(0.5 * tolerance / cut, _NEXT)
+                look[place] = rest / abs(size) * max(0.5 * tolerance / cut, _NEXT) if left[place] else 0.0
             if complete or not np.any(left):
                 break
             before, current = current, following
             current /= below
         error[left] = np.inf
         return values, error, step
-
-
-def _spread(part: Any, shape: Any) -> NDArray[Any]:
-    """Return the entries of a matrix at the places of another, which has all of its places; both in columns, sorted."""
-    own, every = (
-        np.repeat(np.arange(one.shape[1]), np.diff(one.indptr)) * one.shape[0] + one.indices for one in (part, shape)
-    )
-    entries = np.zeros(every.size, part.dtype)
-    entries[np.searchsorted(every, own)] = part.data
-    return entries
 
 
 def _invert(values: NDArray[Any]) -> NDArray[Any]:

@@ -10,19 +10,20 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, PrecisionError, brief
-from granphon.base.validation import choice, finite_array, finite_list, positive, require
+from granphon.base.validation import finite_array, finite_list, one_of, positive
 from granphon.dynamics.zone_quadrature import shortest_vectors
 from granphon.networks.network import ContactNetwork
 from granphon.observables.validity import check_network
 from granphon.waves.chebyshev import Kernel, Moments, Refinable, keeps_vectors
 from granphon.waves.operator import WaveOperator
+from granphon.waves.pulses import read_vector
 from granphon.waves.settings import POLARISATIONS
 
 #: largest deviation of q . L / 2 pi from a whole number that is put down to rounding
@@ -173,18 +174,11 @@ def find_polarisations(
         numbers = numbers / np.max(np.abs(numbers))
         rows[0, : numbers.size] = numbers / np.linalg.norm(numbers)
         return rows
-    name = require("polarisation", partial(choice, options=POLARISATIONS), polarisation)
+    name = one_of("polarisation", polarisation, POLARISATIONS)
     turns = name == "rotational"
     axes = motions.rotations if turns else motions.translations
     free = np.eye(3)[list(axes)]  # (a, 3) directions in which balls move
-    wanted = None
-    if direction is not None:
-        given = finite_array("direction", direction)
-        if given.shape not in ((2,), (3,)) or not np.any(given):
-            raise InputError(f"direction is {brief(direction)}", mend="Give (x, y) or (x, y, z), not all zero")
-        wanted = np.zeros(3)
-        wanted[: given.size] = given / np.max(np.abs(given))
-        wanted /= np.linalg.norm(wanted)
+    wanted = None if direction is None else read_vector("direction", direction, operator.network.dimension)
     along = np.zeros(3)
     along[: q.size] = q
     if turns:
@@ -336,17 +330,14 @@ class SpectralFunction(Refinable):
     warnings : one sentence for each limit of the contact law that the network exceeds.
     """
 
-    units = {"q": "1/m", "shortest": "1/m", "frequencies": "Hz", "values": "1/Hz", "top": "Hz"}
-    _shapes = {"q": "n d", "shortest": "n d?", "frequencies": "f", "values": "n f"}
-
-    q: Array
+    q: Annotated[Array, "n d", "1/m"]
     polarisation: str
     direction: tuple[float, ...]
-    frequencies: Array
-    values: Array
-    top: float
+    frequencies: Annotated[Array, "f", "Hz"]
+    values: Annotated[Array, "n f", "1/Hz"]
+    top: Annotated[float, "", "Hz"]
     moments: int
-    shortest: Array | None = None
+    shortest: Annotated[Array | None, "n d?", "1/m"] = None
     warnings: tuple[str, ...] = ()
 
     @property

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,7 +31,7 @@ _SAME_PERIOD = 0.01
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Transmission(Result):
+class Transmission(Result, array="transmitted"):
     """Energy that waves of a lead bring through a strip. ``np.asarray`` of it is ``transmitted``.
 
     Waves are those that run at each frequency, in ascending order of their wave number; where they are fewer than m, the
@@ -49,24 +49,15 @@ class Transmission(Result):
     length : of the strip, m: its layers times their height in the first lead.
     """
 
-    units = {"frequencies": "Hz", "wavenumbers": "1/m", "length": "m"}
-    _shapes = {
-        "frequencies": "f", "modes": "f 2", "transmitted": "f", "reflected": "f", "transmitted_by_mode": "f m",
-        "reflected_by_mode": "f m", "amplitudes": "f m m", "wavenumbers": "f m",
-    }  # fmt: skip
-
-    frequencies: Array
-    modes: NDArray[np.intp]
-    transmitted: Array
-    reflected: Array
-    transmitted_by_mode: Array
-    reflected_by_mode: Array
-    amplitudes: NDArray[np.complex128]
-    wavenumbers: Array
-    length: float
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        return np.array(self.transmitted, dtype)
+    frequencies: Annotated[Array, "f", "Hz"]
+    modes: Annotated[NDArray[np.intp], "f 2"]
+    transmitted: Annotated[Array, "f"]
+    reflected: Annotated[Array, "f"]
+    transmitted_by_mode: Annotated[Array, "f m"]
+    reflected_by_mode: Annotated[Array, "f m"]
+    amplitudes: Annotated[NDArray[np.complex128], "f m m"]
+    wavenumbers: Annotated[Array, "f m", "1/m"]
+    length: Annotated[float, "", "m"]
 
     @property
     def total(self) -> Array:
@@ -151,20 +142,11 @@ class ScatteringLengths(Result):
         al., Phys. Rev. B 22, 3519, 1980). Infinite where it does not fall.
     """
 
-    units = {
-        "frequencies": "Hz", "mean_free_path": "m", "mean_free_path_error": "m", "localisation_length": "m",
-        "localisation_length_error": "m",
-    }  # fmt: skip
-    _shapes = {
-        "frequencies": "f", "mean_free_path": "f m", "mean_free_path_error": "f m", "localisation_length": "f",
-        "localisation_length_error": "f",
-    }  # fmt: skip
-
-    frequencies: Array
-    mean_free_path: Array
-    mean_free_path_error: Array
-    localisation_length: Array
-    localisation_length_error: Array
+    frequencies: Annotated[Array, "f", "Hz"]
+    mean_free_path: Annotated[Array, "f m", "m"]
+    mean_free_path_error: Annotated[Array, "f m", "m"]
+    localisation_length: Annotated[Array, "f", "m"]
+    localisation_length_error: Annotated[Array, "f", "m"]
 
 
 def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property, wraps
-from inspect import signature
-from typing import Any, Concatenate, ParamSpec
+from functools import cached_property
+from typing import Any
 
 from numpy.typing import ArrayLike
 
 from granphon.base.arrays import Array
-from granphon.base.errors import InputError
 from granphon.base.text import counted
 from granphon.base.validation import whole_number
 from granphon.dynamics.damping import DampedModes
@@ -25,35 +23,6 @@ from granphon.waves.operator import WaveOperator, make_operator
 from granphon.waves.pulses import Pulse, PulseSource, transmit
 from granphon.waves.response import TOLERANCE, Response, find_response
 from granphon.waves.spectral_functions import PlaneWaves, SpectralFunction, nearest_wavevectors
-
-P = ParamSpec("P")
-
-
-def _take_arguments(
-    make: Callable[P, PulseSource],
-) -> Callable[[Callable[[Waves, PulseSource], Pulse]], Callable[Concatenate[Waves, P], Pulse]]:
-    """Make a method of what is sent one of the arguments of :class:`PulseSource`, which has their names and defaults."""
-
-    def decorate(send: Callable[[Waves, PulseSource], Pulse]) -> Callable[Concatenate[Waves, P], Pulse]:
-        own, given = signature(send), signature(make)
-        needed, more = ([name for name, one in given.parameters.items() if (one.default is one.empty) is need]
-                        for need in (True, False))  # fmt: skip
-
-        @wraps(send)
-        def method(self: Waves, /, *args: P.args, **options: P.kwargs) -> Pulse:
-            try:
-                given.bind(*args, **options)
-            except TypeError as wrong:
-                told = f"It needs {', '.join(needed)}, and takes {', '.join(more)}"
-                raise InputError(f"{send.__name__}: {wrong}", told) from None
-            return send(self, make(*args, **options))
-
-        parameters = [next(iter(own.parameters.values())), *given.parameters.values()]
-        method.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined]
-        method.__annotations__ = {"return": own.return_annotation}
-        return method
-
-    return decorate
 
 
 class Waves:
@@ -259,8 +228,12 @@ class Waves:
         """
         return nearest_wavevectors(self.network, q)
 
-    @_take_arguments(PulseSource)
-    def transmit(self, wanted: PulseSource) -> Pulse:
+    def transmit(
+        self, frequency: float, direction: ArrayLike, distance: float, cycles: float = 5.0,
+        polarisation: str | ArrayLike = "longitudinal", *, source: str | int | Sequence[int] = "plane", ends: str = "free",
+        damping: float = 0.0, tangential_damping: float | None = None, duration: float | None = None,
+        planes: ArrayLike = (), frames: ArrayLike = (),
+    ) -> Pulse:  # fmt: skip
         """Send a pulse through the network, and hear it on a plane of balls.
 
         A force sin(omega (t - P/2)) (1 - cos(2 pi t/P))/2, 1 N at its greatest, pushes each ball of the source from t = 0 to
@@ -303,5 +276,9 @@ class Waves:
 
         Where the pulse has no time of flight, it is nan, and the warnings of the result say why.
         """
-        found = transmit(self.network, wanted, self._stable_operator if wanted.ends == "periodic" else None)
+        wanted = PulseSource(
+            frequency, direction, distance, cycles, polarisation, source=source, ends=ends, damping=damping,
+            tangential_damping=tangential_damping, duration=duration, planes=planes, frames=frames,
+        )  # fmt: skip
+        found = transmit(self.network, wanted, self._stable_operator if ends == "periodic" else None)
         return replace(found, warnings=(*self.warnings, *found.warnings))

@@ -23,7 +23,7 @@ from granphon.array import linear_response
 from granphon.array.equilibrium import Equilibrium, equilibrate
 from granphon.array.geometry import ReducedLoad
 from granphon.array.stencils import Stencils
-from granphon.balls.distributions import UniformShape
+from granphon.balls.diameters import UniformShape
 from granphon.balls.lattices import TRIANGULAR
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.dynamics.local_field import local_field

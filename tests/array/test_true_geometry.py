@@ -24,10 +24,9 @@ from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_exactly
 from granphon.balls.contact_table import contact_frames
 from granphon.balls.lattices import FCC, HCP, TRIANGULAR
 from granphon.base.errors import InputError
-from granphon.dynamics.long_waves import voigt_pairs
-from granphon.dynamics.tensors import bulk_and_shear
-from granphon.media.equilibria import find_equilibria, find_equilibrium
+from granphon.dynamics.long_waves import bulk_and_shear, voigt_pairs
 from granphon.media.left_out import estimate_shear_deficit
+from granphon.media.loading import find_equilibria, find_equilibrium
 from granphon.media.simulation import SampleLaw, SimulatedState
 from granphon.observables.catalogue import CATALOGUE
 from tests.array.test_equilibrium import balls

@@ -13,8 +13,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from granphon.balls.diameters import Discrete, Measured, Normal, Uniform, uniform_numbers
-from granphon.balls.distributions import MOST_POINTS, NormalShape, UniformShape
+from granphon.balls.diameters import (
+    MOST_POINTS,
+    Discrete,
+    Measured,
+    Normal,
+    NormalShape,
+    Uniform,
+    UniformShape,
+    uniform_numbers,
+)
 from granphon.base.errors import InputError
 from tests.conftest import only
 

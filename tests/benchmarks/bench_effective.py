@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from side_by_side import Part, Row, alternate, over
 
 import granphon as gp
-from granphon.balls.distributions import NormalShape, Shape, UniformShape
+from granphon.balls.diameters import NormalShape, Shape, UniformShape
 from granphon.balls.hertz import FORCE, STIFFNESS
 from granphon.dynamics.local_field import _compute_local_field, _find_operations, local_field
 from granphon.laws.effective import effective_curve

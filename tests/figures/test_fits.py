@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import granphon as gp
 from granphon.figures.curves import fit_figure, plot_fit
 from granphon.fits.fit import fit_width
-from granphon.media.mean_field import EffectiveMedium
+from granphon.media.medium import EffectiveMedium
 from granphon.observables.velocities import pulse_velocities, sound_velocities
 from tests.figures.conftest import drawn, texts
 

@@ -145,7 +145,7 @@ def test_the_figure_of_a_large_array_marks_its_window(wide, tmp_path):
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        ({"show": "some"}, "Use all, window, density or auto"), ({"window": (3.0, 2.0, 1.0, 4.0)}, "left, lower, right"),
+        ({"show": "some"}, "allowed: all, window, density, auto"), ({"window": (3.0, 2.0, 1.0, 4.0)}, "left, lower, right"),
         ({"window": (1.0, 2.0)}, "left, lower, right"), ({"window": (500.0, 0.0, 510.0, 9.0)}, "no ball of the array"),
     ],
 )  # fmt: skip

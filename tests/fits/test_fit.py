@@ -17,7 +17,7 @@ from scipy.stats import chi2 as chi2_distribution
 from scipy.stats import kstest
 
 import granphon as gp
-from granphon.balls.parameters import change_packing
+from granphon.balls.packing import change_packing
 from granphon.base.errors import InputError, UnreachableFrequencyError
 from granphon.base.text import plain_yaml
 from granphon.fits.fit import WidthFit, compute_leverages, convert_pressure, find_rounding, fit_width

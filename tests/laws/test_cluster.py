@@ -9,7 +9,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 import granphon as gp
-from granphon.balls.distributions import UniformShape
+from granphon.balls.diameters import UniformShape
 from granphon.balls.lattices import FCC, HCP, KAGOME, LATTICES, TRIANGULAR
 from granphon.base import threads
 from granphon.base.errors import InputError, MechanismError, PrecisionError, SceneError

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 import granphon as gp
-from granphon.balls.distributions import NormalShape, UniformShape
+from granphon.balls.diameters import NormalShape, UniformShape
 from granphon.balls.hertz import ENERGY, FORCE, SLOPE, STIFFNESS
 from granphon.base.errors import PrecisionError
 from granphon.dynamics.local_field import local_field

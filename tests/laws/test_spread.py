@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import granphon as gp
-from granphon.balls.distributions import NormalShape, UniformShape
+from granphon.balls.diameters import NormalShape, UniformShape
 from granphon.base.errors import InputError, PrecisionError
 from granphon.laws.effective import EffectiveLaw
 from granphon.laws.spread import AveragedLaw, high_pressure_series

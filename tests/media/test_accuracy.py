@@ -22,8 +22,8 @@ from granphon.base.errors import InputError
 from granphon.media import accuracy as module
 from granphon.media.accuracy import DEVIATIONS, FRICTIONLESS, accuracy, compute_form_coefficients
 from granphon.media.choice import even_shape
-from granphon.media.friction_history import FrictionHistory
 from granphon.media.left_out import expect_shear_deficit
+from granphon.media.loading import FrictionHistory
 from granphon.tradeoffs.measure import Ensemble, observe
 
 WIDTH = 2e-6

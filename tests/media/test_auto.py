@@ -303,17 +303,17 @@ def test_an_error_of_a_sweep_says_at_which_load(rough, unit):
 
 def test_a_simulated_piece_that_fails_says_at_which_load_of_the_sweep(rough, unit, monkeypatch):
     from granphon.base.errors import ConvergenceError
-    from granphon.media import equilibria
+    from granphon.media import loading
 
     forces = (np.array([4.0, 0.3, 1.0, 0.35]) * unit).tolist()
-    known = equilibria.equilibrate
+    known = loading.equilibrate
 
     def failing(deviations, load, *rest):
         if load.force is not None and abs(load.force - 0.35) < 1e-6:
             raise ConvergenceError("it has not come to rest.")
         return known(deviations, load, *rest)
 
-    monkeypatch.setattr(equilibria, "equilibrate", failing)
+    monkeypatch.setattr(loading, "equilibrate", failing)
     with pytest.raises(ConvergenceError, match=r"simulation.*force = .*come to rest") as error:
         sweep(rough, force=forces, media={"auto": {"tolerance": 5e-3}})
     assert error.value.load_index == 3
@@ -515,7 +515,7 @@ def test_the_states_of_a_scene_are_those_that_were_chosen(rough):
         serving.medium.label for serving in gp.AutoMedium(rough, 5e-3).choose("force", scene.load.values)
     ]
     assert sorted(float(f) for state in found.values() for f in state.force) == [6.0, 18.446, 90.0]
-    without = dict(scene.states(simulations=False))
+    without = dict(scene.states(quick=True))
     assert 0 < len(without) < len(found)
 
 

@@ -221,7 +221,7 @@ def test_a_network_whose_periods_lie_anywhere_is_turned():
         (lambda: bulk("fcc").cut((1, 1, 2), 2), "Give 3 layers or more"),
         (lambda: bulk("square").cut(0, 1), "reach across 1 layer"),
         (lambda: bulk("square").cut(0, 2, "clamped"), "no ball moves"),
-        (lambda: bulk("square").cut(0, 3, "glued"), "Give 'free', 'clamped' or 'floor'"),
+        (lambda: bulk("square").cut(0, 3, "glued"), "edges: found 'glued'; allowed: free, clamped, floor"),
         (lambda: bulk("square").cut(0, 0), "layers"),
         (lambda: bulk("square").cut((0, 0), 3), "2 Miller indices"),
     ],

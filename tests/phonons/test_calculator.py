@@ -960,7 +960,7 @@ def test_unknown_keywords_and_formats_are_refused():
         gp.HertzMindlin(state, finite_overlp=True)
     with pytest.raises(InputError, match=r"no keyword 'label'"):
         gp.HertzMindlin(state).set(label="x")
-    with pytest.raises(InputError, match="format is 'coo'"):
+    with pytest.raises(InputError, match="format: found 'coo'"):
         gp.HertzMindlin(state).get_force_constants(gp.atoms(state), format="coo")
 
 

@@ -272,7 +272,7 @@ def test_branches_that_cost_nothing_are_counted_at_zero():
 
 
 BAD_DENSITIES = {
-    "method": ({"method": "gauss"}, "Use tetrahedron or smearing"),
+    "method": ({"method": "gauss"}, "allowed: tetrahedron, smearing"),
     "points": ({"points": 11}, "a whole number from 12 to"),
     "sigma without smearing": ({"sigma": 1.0}, "is for the smearing method only"),
     "negative sigma": ({"method": "smearing", "sigma": -1.0}, "finite number above zero"),

@@ -29,7 +29,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 import granphon as gp
-from granphon.balls.parameters import PARAMETERS, Axis, change_packing, change_width
+from granphon.balls.packing import PARAMETERS, Axis, change_packing, change_width
 from granphon.base.errors import FileExistsInRunError, InputError, OutputError, PrecisionError
 from granphon.base.results import restore
 from granphon.media.choice import MediumChoice

@@ -14,8 +14,7 @@ from granphon.base.errors import ConvergenceError, InputError, SceneError
 from granphon.runs.wave_records import write_contacts
 from granphon.scene.redraw import redraw
 from granphon.scene.scene import draw_sweep
-from granphon.waves.drives import DriveSettings
-from granphon.waves.settings import MotionSettings
+from granphon.waves.settings import DriveSettings, MotionSettings
 from tests.waves.test_nonlinear_exact import meeting
 
 CHAIN = """
