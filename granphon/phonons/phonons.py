@@ -58,6 +58,8 @@ _NO_GAP = 1e-6
 _NARROW = 1e-2
 #: number of points of the mesh from which an edge of a band is sought, and of steps at most
 _STARTS, _TURNS = 6, 30
+#: starts of these more, where the branches on both sides of a narrow gap are closest
+_CLOSEST = 4
 #: number of branches beyond which it is sought from fewer points, as many edges are near
 _FEW_BRANCHES = 120
 #: relative difference of a cell of Atoms from that of the state that is rounding
@@ -513,6 +515,10 @@ class Phonons:
         for one in np.flatnonzero(np.tile(width < _NARROW * float(high[-1]), 2)):
             place = one if one < len(width) else edges - len(gaps) + np.flatnonzero(gaps > 0)[one - len(width)]
             near = starts[place * several : (place + 1) * several]
+            # where both come close, peaks may be narrower than the mesh
+            below_gap = branch[place] - (sign[place] < 0.0)
+            closest = np.argsort(values[:, below_gap + 1] - values[:, below_gap], kind="stable")[: _CLOSEST * several]
+            near = np.concatenate([near, self.lattice.wavevectors(q[closest])])
             best[place] = max(best[place], self._zoom(near, branch[place], sign[place], reach))
         edge = sign * best
         lower, upper = edge[: edges - len(gaps)], edge[edges - len(gaps) :]
