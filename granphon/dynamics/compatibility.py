@@ -80,21 +80,10 @@ class Compatibility:
     """
 
     def __init__(
-        self,
-        cell: ArrayLike,
-        positions: ArrayLike,
-        contacts: ContactTable,
-        mindlin_ratio: ArrayLike,
-        stiffness: ArrayLike = 1.0,
-        prestress: ArrayLike = 0.0,
-        masses: ArrayLike = 1.0,
-        gyration: ArrayLike = GYRATION,
-        *,
-        torsion: ArrayLike = 0.0,
-        bending: ArrayLike = 0.0,
-        motions: Motions = IN_PLANE,
-        name: str = "of these contacts",
-    ) -> None:
+        self, cell: ArrayLike, positions: ArrayLike, contacts: ContactTable, mindlin_ratio: ArrayLike,
+        stiffness: ArrayLike = 1.0, prestress: ArrayLike = 0.0, masses: ArrayLike = 1.0, gyration: ArrayLike = GYRATION, *,
+        torsion: ArrayLike = 0.0, bending: ArrayLike = 0.0, motions: Motions = IN_PLANE, name: str = "of these contacts",
+    ) -> None:  # fmt: skip
         self.name = name
         self.cell: Array = read_only(real_array("cell", cell))
         self.positions: Array = read_only(real_array("positions", positions))

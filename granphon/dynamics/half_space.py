@@ -54,6 +54,8 @@ _LEAST_GAP = 1e-7
 _GAP_MARGIN = 1e-9
 #: w, over the lowest band, up to which a motion costs no energy
 _FREE_IN_GAP = 1e-6
+#: eigenvalue of M at an end of a gap, over the largest there, up to which its sign is that of rounding
+_UNSIGNED = 1e-14
 #: waves closer than this in w, over the width of the gap, are one degenerate set
 _DEGENERACY = 1e-9
 #: relative tolerance of w of an edge wave
@@ -315,7 +317,8 @@ class HalfSpace:
 
         place, gap = self._find_gaps(q)
         ends = np.stack([rising(place, one, gap) for one in gap])
-        row, branch = np.nonzero((ends[0] < 0.0) & (ends[1] > 0.0))
+        rounded = _UNSIGNED * np.max(np.abs(ends), axis=2, keepdims=True)  # of zeros at the very ends, beside the poles of g
+        row, branch = np.nonzero((ends[0] < -rounded[0]) & (ends[1] > rounded[1]))
         place, gap, w = place[row], gap[:, row], np.zeros(len(row))
         if not row.size:
             return EdgeWaves(place, np.zeros(0, complex), np.zeros(0))

@@ -184,8 +184,9 @@ class LongWaves(Compatibility):
         moved = sound.swapaxes(1, 2) / np.sqrt(self.masses.sum())  # as inner motions are, per root of mass
         together = np.concatenate([moved, waves], axis=2).reshape(-1, count + free.shape[1])
         still = _find_null(together)
-        rest = waves @ _find_null(still[:, count:]).T
-        return couple(rest), np.eye(count) - still[:, :count].T @ still[:, :count]
+        rest = waves @ _find_null(still[:, count:], 1.0).T
+        part = np.eye(count) - still[:, :count].T @ still[:, :count]
+        return couple(rest), np.where(np.abs(part) > _COUPLED, part, 0.0)
 
     def require_rigid(self) -> None:
         """Raise :class:`~granphon.base.errors.MechanismError` if the lattice is a :attr:`mechanism`.
@@ -197,7 +198,7 @@ class LongWaves(Compatibility):
             raise InputError("the balls touch bodies that do not move", why, "Use gp.Phonons or gp.Waves")
         if self.mechanism:
             mend = "Use bending, or a lattice with more contacts"
-            if not self.motions.rotate:
+            if not np.any(self.mindlin_ratio):
                 mend = "Use friction, or a lattice with more contacts"
             raise MechanismError(f"the lattice {self.name} is a mechanism", self.mechanism, mend)
 
@@ -367,9 +368,10 @@ class LongWaves(Compatibility):
 
     @cached_property
     def _per_mass(self) -> Array:
-        """(n_u, n_u) the root of all mass over that which sound moves."""
+        """(n_u, n_u) the root of all mass over that which sound moves; zero along displacements that move none of it."""
         values, vectors = np.linalg.eigh(self._with_sound[1])
-        return np.asarray((vectors / np.sqrt(values)) @ vectors.T)
+        inverse = np.divide(1.0, values, out=np.zeros_like(values), where=values > _COUPLED)
+        return np.asarray((vectors * np.sqrt(inverse)) @ vectors.T)
 
     @cached_property
     def wave_names(self) -> tuple[str, ...]:
@@ -446,12 +448,12 @@ class LongWaves(Compatibility):
         return squared, (narrowing - float(coupling @ coupling) / squared) / squared
 
 
-def _find_null(matrix: Array) -> Array:
-    """Return an orthonormal basis, as rows, of the vectors that a matrix takes to zero."""
+def _find_null(matrix: Array, size: float = 0.0) -> Array:
+    """Return an orthonormal basis, as rows, of the vectors that a matrix, of this ``size`` or larger, takes to zero."""
     _, values, right = np.linalg.svd(
         np.pad(matrix, ((0, max(0, matrix.shape[1] - len(matrix))), (0, 0))), full_matrices=False
     )
-    return np.asarray(right[values <= _SOFT * np.max(values, initial=0.0)])
+    return np.asarray(right[values <= _SOFT * np.max(values, initial=size)])
 
 
 # -- polarisations ----------------------------------------------------------------------------------------------------

@@ -160,15 +160,12 @@ def _draw_chains(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> LineCollect
         mean = float(np.mean(network.normal_force)) if network.n_contacts else 0.0
         widths = np.clip(forces / mean, 0.2, 4.0) if mean > 0.0 else np.full(len(forces), 0.2)
         # a piece of a flat wall at each contact with it
-        ends = ((network.i, network.j, network.arm_j, -1.0), (network.j, network.i, network.arm_i, 1.0))
-        pieces = list[Array]()
-        for wall, ball, arm, sign in ends:
-            at = np.isinf(network.radii[wall]) & np.isfinite(network.radii[ball])
-            normal = network.normal[at, :2]
-            touch = network.positions[ball[at], :2] + sign * arm[at, None] * normal
-            across = 0.5 * network.radii[ball[at], None] * np.stack([-normal[:, 1], normal[:, 0]], axis=1)
-            pieces.append(np.stack([touch - across, touch + across], axis=1))
-        walls = LineCollection(list(np.concatenate(pieces)), colors=_IDLE, linewidths=1.0, gid="walls")
+        at = np.isinf(network.radii[network.j])
+        ball, normal = network.i[at], network.normal[at, :2]
+        touch = network.positions[ball, :2] + network.arm_i[at, None] * normal
+        across = 0.5 * network.radii[ball, None] * np.stack([-normal[:, 1], normal[:, 0]], axis=1)
+        pieces = np.stack([touch - across, touch + across], axis=1)
+        walls = LineCollection(list(pieces), colors=_IDLE, linewidths=1.0, gid="walls")
         ax.add_collection(walls, autolim=False)
     # more lines are pixels, in files of vectors too
     chains = LineCollection(list(segments), capstyle="round", gid="forces", rasterized=len(segments) > 20_000)
@@ -294,12 +291,12 @@ def _project(network: ContactNetwork) -> _Map:
     def find_lines() -> tuple[Array, Array]:
         # of all contacts: one across the edge of a period, or with a flat wall, ends where its balls touch
         i, j, centres = network.i, network.j, network.positions
-        flat = [np.isinf(network.radii[end]) for end in (i, j)]
-        apart = np.any(network.shift != 0, axis=1) | flat[0] | flat[1]
+        flat = np.isinf(network.radii[j])
+        apart = np.any(network.shift != 0, axis=1) | flat
         lines, forces = [np.stack([centres[i], centres[j]], axis=1)[~apart]], [network.normal_force[~apart]]
-        for end, arm, wall in zip((i, j), (network.arm_i, -network.arm_j), flat, strict=True):
-            lines.append(np.stack([centres[end], centres[end] + arm[:, None] * network.normal], axis=1)[apart & ~wall])
-            forces.append(network.normal_force[apart & ~wall])
+        for end, arm, at in ((i, network.arm_i, apart), (j, -network.arm_j, apart & ~flat)):
+            lines.append(np.stack([centres[end], centres[end] + arm[:, None] * network.normal], axis=1)[at])
+            forces.append(network.normal_force[at])
         return np.concatenate(lines)[..., :2], np.concatenate(forces)
 
     return _Map(

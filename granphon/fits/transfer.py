@@ -189,7 +189,9 @@ class _Model:
             name: stiffer * getattr(network, name)
             for name in ("normal_stiffness", "shear_stiffness", "torsion_stiffness", "bending_stiffness")
         }
-        network = replace(network, **scaled, normal_force=load * network.normal_force)
+        held = {name: getattr(network, name) for name in ("normal_force", "tangential_force")}
+        scaled |= {name: load * force for name, force in held.items() if force is not None}
+        network = replace(network, **scaled)
         at, inverse = np.unique(self.frequencies, return_inverse=True)
         damping, losses = self.losses(values)
         found = Waves(network).response(at, damping=damping, loss_factor=losses, **self.places).coherent[inverse]

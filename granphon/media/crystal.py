@@ -943,9 +943,7 @@ class Crystal(Result):
                     return rest, push
                 break
         what = f"contacts of crystal {self.name!r} do not have a mean {kind} of {goal:g} at any pressure"
-        why = f"At a pressure of {pressure:.4g} it is {mean:.4g}" + (
-            ", as gravity presses more" if field is not None else ""
-        )
+        why = f"At a pressure of {pressure:.4g} it is {mean:.4g}" + ", as gravity presses more" * (field is not None)
         raise InputError(what, why, "Give a larger one" if field is not None else "")
 
     def _solve_each(self, values: Array, pushes: Iterable[Push], finite_overlap: bool | None, rank: int = 0) -> CrystalState:

@@ -67,7 +67,7 @@ class ContactNetwork(Result):
     radii : (n,) m.
     masses : (n,) kg. A mass of infinity is a body that does not move, such as a wall.
     inertias : (n,) moments of inertia about a diameter, kg m^2.
-    i, j : (n_c,) indices of the two balls of each contact.
+    i, j : (n_c,) indices of the two balls of each contact. A flat wall, whose radius is infinite, becomes ball j.
     shift : (n_c, 3) whole cells by which ball j is displaced.
     normal : (n_c, 3) unit vectors from i to j along which contacts are compressed.
     normal_force : (n_c,) compressive forces, N, zero or above; below zero where balls that adhere pull.
@@ -154,6 +154,13 @@ class ContactNetwork(Result):
     def _check(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` for what the class does not allow."""
         super()._check()
+        walls, own = np.flatnonzero(np.isinf(self.radii)), vars(self)
+        if np.any(turned := np.isin(self.i, walls) & ~np.isin(self.j, walls)):  # contacts lead from balls to walls
+            for at_i, at_j in (("i", "j"), ("arm_i", "arm_j")):
+                ends = np.stack([own[at_i], own[at_j]])
+                own[at_i], own[at_j] = map(read_only, np.where(turned, ends[::-1], ends))
+            for name in {"shift", "normal", "tangential_force"} & {*self.contact_fields}:
+                own[name] = read_only(np.where(turned[:, None], 0 - own[name], own[name]))
         motions = allowed_motions(self.dimension)
         if self.motions not in motions:
             what = f"a network in {self.dimension} dimensions has no motions {brief(self.motions)}"
@@ -250,8 +257,7 @@ class ContactNetwork(Result):
     @cached_property
     def distance(self) -> Array:
         """(n_c,) distance of the centres, m; infinite at a flat wall, which is a body of infinite radius at any place."""
-        flat = np.isinf(self.radii[self.i]) | np.isinf(self.radii[self.j])
-        return read_only(np.where(flat, np.inf, np.linalg.norm(self.vector, axis=1)))
+        return read_only(np.where(np.isinf(self.radii[self.j]), np.inf, np.linalg.norm(self.vector, axis=1)))
 
     @cached_property
     def scales(self) -> Units:
@@ -494,13 +500,8 @@ class ContactNetwork(Result):
             each["arm_i"] = np.where(has_i[lost], self.arm_i[which], self.arm_j[which])
             wall: dict[str, Any] = {name: np.bincount(place, one) / np.bincount(place) for name, one in each.items()}
             toward = out * (self.normal[which] @ turn.T[:, p])
-            wall |= {
-                "i": at,
-                "j": np.full(m, len(balls["masses"])),
-                "arm_j": np.zeros(m),
-                "shift": np.zeros((m, 3), np.intp),
-            }
-            wall |= {"normal": side * np.eye(3)[np.full(m, p)], "tangential_force": np.zeros((m, 3))}
+            wall |= {"i": at, "j": np.full(m, len(balls["masses"])), "normal": side * np.eye(3)[np.full(m, p)]}
+            wall |= {"arm_j": np.zeros(m), "tangential_force": np.zeros((m, 3)), "shift": np.zeros((m, 3), np.intp)}
             wall["normal_force"] = np.bincount(place, self.normal_force[which] * toward)
             contacts = {name: np.concatenate([values, wall[name]]) for name, values in contacts.items()}
             spot = np.eye(3)[p] * np.mean(balls["positions"][at, p] + side * balls["radii"][at])

@@ -58,8 +58,12 @@ _NO_GAP = 1e-6
 _NARROW = 1e-2
 #: number of points of the mesh from which an edge of a band is sought, and of steps at most
 _STARTS, _TURNS = 6, 30
+#: starts of these more, where the branches on both sides of a narrow gap are closest
+_CLOSEST = 4
 #: number of branches beyond which it is sought from fewer points, as many edges are near
 _FEW_BRANCHES = 120
+#: relative difference of a cell of Atoms from that of the state that is rounding
+_SAME = 1e-9
 #: step, 1/d, after which the frequency is that of the extremum to rounding
 _LEVEL = 1e-8
 
@@ -161,6 +165,14 @@ class Phonons:
             numbers[int(np.argmin(numbers * lengths))] += 1
         return (max(numbers),) * p if len(self.atoms) == 1 and np.all(periodic) else tuple(numbers)
 
+    def _require_own_cell(self, *names: str) -> None:
+        """Raise InputError unless contacts, in their order, and attributes of the lattice of these names are the state's."""
+        own, given = self.state.contact_lattice(), self.lattice
+        pairs = [(getattr(own.contacts, name), getattr(given.contacts, name)) for name in ("i", "j", "vector")]
+        pairs += [(getattr(own, name), getattr(given, name)) for name in names]
+        if not all(one.shape == other.shape and np.allclose(one, other, rtol=_SAME, atol=_SAME) for one, other in pairs):
+            raise InputError("the Atoms are another cell than that of the state", mend="Leave atoms out, or give a network")
+
     # -- phonopy ----------------------------------------------------------------------------------------------------
 
     @cached_property
@@ -244,14 +256,12 @@ class Phonons:
             motion and for all other, as in :meth:`gp.Waves.response`.
         loss_factor : eta of the complex stiffness k (1 + i eta), a number or one for each contact, or a tuple of two.
 
-        Raises :class:`~granphon.base.errors.InputError` for a damping below zero, and for a cell that is not the cell of the
-        state; :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
+        Raises :class:`~granphon.base.errors.InputError` for a damping below zero, and for Atoms whose contacts are not the
+        state's, in their order; :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
         """
         points, network = _check_qpoints(qpoints, self._periods), given_network(self.state)
-        top = self.scales.angular_frequency
-        kept = network.moving[network.i] | network.moving[network.j]
-        if np.count_nonzero(kept) != len(self.lattice.contacts):
-            raise InputError("the Atoms are another cell than that of the state", mend="Leave atoms out")
+        top, kept = self.scales.angular_frequency, network.moving[network.i] | network.moving[network.j]
+        self._require_own_cell()
         q, found = self.lattice.wavevectors(points), ContactDamping.of(network, damping, loss_factor)
         undamped, even = self.lattice.frequencies(q), found.find_even(network)
         if even is not None:
@@ -357,8 +367,7 @@ class Phonons:
         the next layers and no further.
         """
         network = given_network(self.state)
-        if len(self.atoms) != int(np.count_nonzero(network.moving)):
-            raise InputError("other atoms than those of the state", mend="Give the network of the larger cell")
+        self._require_own_cell("masses", "gyration", "stiffness", "prestress")
         at = frequency_array("frequencies", frequencies, "above zero", in_order=False)
         space = HalfSpace(network, axis)
         damped = ContactDamping.of(space.cut, damping, loss_factor)
@@ -506,6 +515,10 @@ class Phonons:
         for one in np.flatnonzero(np.tile(width < _NARROW * float(high[-1]), 2)):
             place = one if one < len(width) else edges - len(gaps) + np.flatnonzero(gaps > 0)[one - len(width)]
             near = starts[place * several : (place + 1) * several]
+            # where both come close, peaks may be narrower than the mesh
+            below_gap = branch[place] - (sign[place] < 0.0)
+            closest = np.argsort(values[:, below_gap + 1] - values[:, below_gap], kind="stable")[: _CLOSEST * several]
+            near = np.concatenate([near, self.lattice.wavevectors(q[closest])])
             best[place] = max(best[place], self._zoom(near, branch[place], sign[place], reach))
         edge = sign * best
         lower, upper = edge[: edges - len(gaps)], edge[edges - len(gaps) :]

@@ -531,13 +531,14 @@ def is_complete(scene: Scene, folder: str | os.PathLike[str]) -> bool:
 def write_numbers(result: Any, place: Path, advance: Callable[[int], None]) -> None:
     """Write the files of numbers of a result into the folder ``place``; ``advance`` is told of each.
 
-    Those of the scene and the summary are not among them, nor those that are ``left_out``.
+    Those of the scene, its diameters and the summary are written by the run, and told of here. Files that are ``left_out``
+    are neither written nor told of.
     """
     for name in list_files(result.scene)[0]:
         path, stem = place / name, name.partition(".")[0]
         match name:
             case "scene.yaml" | "summary.yaml" | "diameters.csv":
-                continue
+                pass
             case _ if name in result.left_out:
                 continue
             case "sweep.nc":  # and sweep.csv beside it

@@ -30,8 +30,8 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
     branch : its number, in ascending frequency.
     law : as for :class:`NonlinearWaves`.
 
-    Raises :class:`~granphon.base.errors.InputError` for a branch that others touch at q, or that costs nothing, and where
-    twice its frequency is that of a wave of 2 q.
+    Raises :class:`~granphon.base.errors.InputError` for a branch that others touch at q, or that costs nothing or displaces
+    no ball, and where twice its frequency is that of a wave of 2 q.
     """
     waves = NonlinearWaves(x, law)
     if not isinstance(waves.normal, Powers):
@@ -46,7 +46,7 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
     def find(times: int) -> tuple[Any, Any]:
         """Return D and the elongations (n_c, size) of the harmonic of this number, dense."""
         phase = np.exp(times * turn)
-        return operator.weigh(phase=phase).toarray(), operator.compose(operator.rows, phase).toarray()[:n]
+        return operator.weigh(phase=phase).toarray(), operator.compose(operator.law_rows, phase).toarray()[:n]
 
     own, stretch = find(1)
     squares, vectors = np.linalg.eigh(own)
@@ -57,6 +57,8 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
     vector, square = vectors[:, which], float(squares[which])
     moves = operator.values(vector)[:, operator.motions.translating]
     size = float(np.sqrt(np.max(np.sum(np.abs(moves) ** 2, axis=1) / network.masses[operator.balls])))
+    if np.sum(np.abs(moves) ** 2) < _ALONE:
+        raise InputError(f"balls only turn in branch {which}", "An amplitude is a displacement", "Take another branch")
     a, k, delta = waves.normal.exponent, network.normal_stiffness, waves.overlap
     # the tension of a contact is k e + second e^2 + third e^3
     second, third = -0.5 * k * (a - 1.0) / delta, k * (a - 1.0) * (a - 2.0) / (6.0 * delta**2)

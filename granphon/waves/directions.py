@@ -68,7 +68,7 @@ class FixedDirections(_Directions):
     """
 
     def __init__(self, operator: WaveOperator, moved: list[tuple[Index, Array]], divides: bool) -> None:
-        network, self.operator, rows = operator.network, operator, operator.rows
+        network, self.operator, rows = operator.network, operator, operator.law_rows
         self.count, self.slips = len(rows), sum(row.kind == "slip" for row in rows)
         n = network.n_contacts
         self.ratio = np.array([row.stiffness / network.normal_stiffness for row in rows[1:]]).reshape(-1, n)

@@ -147,18 +147,9 @@ class AllModes:
         translational, rotational = kernel.densities(found / self._balls)
         nothing = np.zeros(kernel.count)
         return SpectralDensity(
-            kernel.frequencies,
-            translational,
-            rotational,
-            nothing,
-            nothing,
-            nothing,
-            kernel.top,
-            moments,
-            0,
-            self._seed,
+            kernel.frequencies, translational, rotational, nothing, nothing, nothing, kernel.top, moments, 0, self._seed,
             self._warnings,
-        )._with_work(partial(self.find, vectors=0))
+        )._with_work(partial(self.find, vectors=0))  # fmt: skip
 
 
 class RandomVectors:

@@ -638,7 +638,7 @@ class _System:
         i, j, shift = round_ones[i[near]], round_ones[j[near]], np.zeros((np.count_nonzero(near), 3), np.intp)
         shift[:, list(network.pbc)] = cells[near]
         flat = np.isinf(network.distance)
-        for wall in np.unique(network.j[flat & np.isinf(network.radii[network.j])]):
+        for wall in np.unique(network.j[flat]):
             one = np.flatnonzero(flat & (network.j == wall))[0]
             plane = places[wall] - network.positions[wall] + network.positions[network.i[one]]
             plane = plane + network.arm_i[one] * network.normal[one]

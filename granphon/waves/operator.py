@@ -146,6 +146,13 @@ class WaveOperator(LinearOperator[np.float64]):
         return rows
 
     @cached_property
+    def law_rows(self) -> list[Row]:
+        """Elongation, of zeros where no motion makes it, as out of the plane, and the other :attr:`rows`."""
+        rows, none = self.rows, np.zeros_like(self.rows[0].head)
+        made = rows[0].kind == "elongation"
+        return rows if made else [Row("elongation", self.network.normal_stiffness, none, none), *rows]
+
+    @cached_property
     def full_root(self) -> csr_array[Any]:
         """A = K^1/2 C M^-1/2, and below it (f/r)^1/2 B of static forces where these act, (rows, size), rad/s."""
         return self._make_matrix(*self._weighed_rows)

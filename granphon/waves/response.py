@@ -653,7 +653,7 @@ class _Problem:
             for place in np.flatnonzero(left & ((length * part <= look) | complete)):
                 matrix = bands[:, :step].copy()
                 matrix[1] -= space.shifts[place]
-                y = solve_banded((1, 1), matrix, np.eye(1, step)[0], check_finite=False)
+                y = solve_banded((1, 1), matrix, np.eye(1, step, dtype=complex)[0], check_finite=False)
                 values[place] = found = size * space.scale[place] * (y @ signals[:step]) + told[place]
                 rest = 0.0 if complete else abs(size) * length * float(part[place])
                 least = abs(space.scale[place]) * loud * rest * space.bound[place]
@@ -662,7 +662,7 @@ class _Problem:
                 # before anything is heard nothing is known
                 enough = _ROUNDING * abs(size) * growth if np.any(found) else 0.0
                 left[place] = not complete and cut > tolerance and rest > enough
-                look[place] = rest / abs(size) * max(0.5 * tolerance / cut, _NEXT)
+                look[place] = rest / abs(size) * max(0.5 * tolerance / cut, _NEXT) if left[place] else 0.0
             if complete or not np.any(left):
                 break
             before, current = current, following

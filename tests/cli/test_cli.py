@@ -632,13 +632,17 @@ def test_help_loads_no_library_of_the_computation():
 
 class Listener(Silent):
     def __init__(self, stop=None):
-        self.labels, self.stop = [], stop
+        self.labels, self.left, self.stop = [], {}, stop
 
     def step(self, label, total=None):
         self.labels.append(label)
+        self.left[label] = total or 0
         if label == self.stop:
             raise KeyboardInterrupt
         return super().step(label, total)
+
+    def advance(self, amount=1.0):
+        self.left[self.labels[-1]] -= amount
 
 
 def test_progress_is_told_of_long_work(work):
@@ -646,6 +650,7 @@ def test_progress_is_told_of_long_work(work):
     listener = Listener()
     Scene.from_yaml("scene.yaml").run("out", progress=listener, figures=False)
     assert listener.labels == ["force constants", "bands", "density of states", "writing"]
+    assert listener.left["writing"] == 0
 
 
 @pytest.mark.parametrize("moment", ["density of states", "writing"])

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import granphon as gp
-from granphon.base.errors import InputError, InstabilityError
+from granphon.balls.motions import allowed_motions
+from granphon.base.errors import InputError, InstabilityError, MechanismError
 
 ETA = 2 * (1 - 0.276) / (2 - 0.276)
 
@@ -224,6 +225,20 @@ def test_overlap_that_buckles_the_lattice(smooth, packing):
 )
 def test_of_several_strains_that_cost_nothing_a_plain_one_is_told(lattice, strain):
     assert f"The strain {strain} costs no energy" in gp.ContactLattice.of(lattice, 0.0).mechanism
+
+
+def test_a_mechanism_without_friction_is_mended_by_friction_where_contacts_bend():
+    with pytest.raises(MechanismError, match="Use friction"):
+        gp.ContactLattice.of("square", 0.0, bending=0.03).sound_velocities([1.0, 0.0])
+
+
+@pytest.mark.parametrize("torsion", [1e-5, 1e-3])
+def test_balls_of_the_honeycomb_that_turn_like_gears_take_part_in_sound(torsion):
+    # torsion does not resist them, and displacements across the plane, which cost nothing either, are no part of them
+    motions = allowed_motions(2)["all"]
+    for eta in np.linspace(0.7, 1.0, 31):
+        lattice = gp.ContactLattice.of("honeycomb", eta, torsion=torsion, motions=motions)
+        assert "turn against each other without a cost in energy" in lattice.mechanism
 
 
 loads = st.floats(-30.0, -5.0).map(lambda x: 10.0**x)

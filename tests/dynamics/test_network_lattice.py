@@ -184,6 +184,15 @@ def test_loose_balls_are_set_aside(force):
     assert np.all(pulse.group > 0.9 * np.array([sound.longitudinal, sound.transverse]))
 
 
+@pytest.mark.parametrize("layers", [2, 3, 5, 6])
+def test_a_displacement_that_costs_nothing_leaves_the_other_wave_alone(layers):
+    # rows of a frictionless kagome ribbon part freely; along them contacts stretch, and a fifth of the mass stays behind
+    network = gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice="kagome", friction=False)).at_force(10.0).network
+    waves = gp.sound_velocities(network.cut(0, layers))
+    assert_allclose(waves.longitudinal, np.sqrt(5.0 / 6.0) * network.scales.velocity, rtol=1e-12)
+    assert waves.transverse == 0.0
+
+
 def test_networks_that_have_no_lattice_are_refused():
     network = random_network("triangular", (3, 3))
     with pytest.raises(InputError, match=r"repeats along no axis.*gp\.Waves"):

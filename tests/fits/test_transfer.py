@@ -89,6 +89,23 @@ def test_stiffness_load_and_gain_are_found_with_the_damping_and_errors_follow_fr
     assert gp.DampingFit.from_dict(found.to_dict()) == found
 
 
+def test_a_load_multiplies_all_static_forces():
+    """By 1.5, and stiffnesses by its cubic root: static forces of 3 % of k d, across contacts too."""
+    network = gp.ContactLattice.of("triangular", 0.8).contact_network(UNITS).repeat((3, 1)).cut(1, 3, ("clamped", "free"))
+    force = np.full(network.n_contacts, 0.03 * UNITS.force)
+    aside = 0.5 * force[:, None] * np.cross([0.0, 0.0, 1.0], network.normal)
+    places = {"source": (0, "x"), "receiver": (network.n_balls - 1, "y"), "quantity": "transmissibility"}
+    held, loaded = (
+        replace(network, prestress=True, normal_force=load * force, tangential_force=load * aside, **{
+            name: load ** (1.0 / 3.0) * getattr(network, name) for name in ("normal_stiffness", "shear_stiffness")
+        }) for load in (1.0, 1.5)
+    )  # fmt: skip
+    data = gp.Waves(loaded).response(HERTZ[::5], damping=TAU, **places).coherent
+    measured = gp.TransferFunction(HERTZ[::5], np.abs(data), np.angle(data))
+    found = gp.fit_damping(held, measured, **places, parameters=("load",), damping=TAU)
+    assert_allclose(found.values, 1.5, rtol=1e-8)
+
+
 def test_damping_of_normal_and_other_motion_are_told_apart_in_the_plane():
     network = gp.ContactLattice.of("triangular", 0.7).contact_network(UNITS).repeat((2, 1)).cut(1, 3, ("clamped", "free"))
     places, hertz = ((0, "x"), (3, "x")), np.linspace(0.1, 2.0, 30) * OMEGA / (2.0 * math.pi)

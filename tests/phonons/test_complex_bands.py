@@ -106,6 +106,19 @@ def test_bad_input_is_one_error(arguments, words):
         gp.Phonons(bulk("triangular")).complex_bands(*arguments)
 
 
+def test_atoms_of_other_masses_or_in_another_order_are_refused():
+    state = gp.AveragedLattice(gp.Packing(gp.Material(2.1e11, 0.28, 7800.0), D, lattice="kagome")).at_force(10.0)
+    heavy, turned = gp.atoms(state), gp.HertzMindlin(state).adopt(gp.atoms(state)[::-1])
+    heavy.set_masses(4.0 * heavy.get_masses())
+    for cell in (heavy, turned):
+        with pytest.raises(InputError, match="another cell"):
+            gp.Phonons(state, cell).complex_bands([100.0])
+    with pytest.raises(InputError, match="another cell"):  # the numbers of its contacts are others
+        gp.Phonons(state, turned).damped([[0.1, 0.2]], damping=np.linspace(0.0, 1e-6, 6))
+    found = [gp.Phonons(state, cell).damped([[0.1, 0.2]], loss_factor=(0.01, 0.02)).frequencies for cell in (heavy, None)]
+    assert_allclose(2.0 * found[0], found[1], rtol=1e-6, atol=1e-3)
+
+
 @pytest.mark.parametrize("lattice", ["chain", "triangular", "honeycomb", "fcc"])
 def test_a_decay_that_has_no_digits_is_refused(lattice):
     phonons = gp.Phonons(bulk(lattice) if lattice != "chain" else chain([LIGHT, HEAVY], (K, K)))

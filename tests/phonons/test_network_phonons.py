@@ -168,6 +168,16 @@ def test_edges_of_gaps_are_found_between_the_points_of_the_mesh():
         assert not np.any((values > low * (1 + 1e-12)) & (values < high * (1 - 1e-12)))
 
 
+def test_there_is_no_gap_beside_a_peak_that_the_mesh_misses():
+    # two branches nearly touch: the lower one rises there above where the upper one is lowest
+    kinds = [(73.16e9, 0.0393, 0.42564e-3), (158.65e9, 0.2826, 0.64773e-3), (2.6029e9, 0.1863, 0.64615e-3)]
+    balls = [gp.Ball(gp.Material(young, poisson, 5e3), 6e-3, mass=mass) for young, poisson, mass in kinds]
+    ph = gp.Phonons(gp.Crystal.on("kagome", balls).at_force(1.32))
+    peak, hollow = ph.frequencies([[0.43757, 0.66210], [0.13313, 0.76484]])
+    assert peak[6] > hollow[7]
+    assert len(ph.gaps()) == 2
+
+
 def test_held_balls_have_a_gap_below_their_lowest_branch():
     held = hold(random_network("square", (1, 2)), [0])
     low, high = gp.Phonons(held).gaps(mesh=(9, 9))[0]

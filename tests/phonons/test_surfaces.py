@@ -115,6 +115,15 @@ def test_waves_outside_the_bands_are_those_of_a_thick_ribbon(lattice, axis, laye
     assert np.sum(outside & (ribbon > 1.0)) <= 2 * len(found[0])
 
 
+def test_motions_that_cost_nothing_are_no_waves():
+    # kagome on a floor has free motions at its edge and in the bulk: rounding does not lift them to a few tenths of a hertz
+    network, q = bulk("kagome", "out_of_plane"), np.array([[0.005], [0.008], [0.013], [0.014], [0.016]])
+    found = gp.Surface(network, 0, "floor").branches(q)
+    ribbon = gp.Phonons(network.cut(0, 20, ("floor", "free"))).frequencies(q)
+    assert np.min(found.frequencies) > 0.9 * np.min(ribbon[ribbon > 1.0])
+    assert np.all(found.weight > 0.0)
+
+
 def test_the_energy_on_top_is_that_of_a_ribbon():
     network = balls("triangular")
     found = gp.Surface(network, 1).branches([[0.4]])

@@ -160,6 +160,10 @@ def test_amplitude_shift_of_a_plane_in_time():
     assert_allclose((out[1] - out[0]) / 0.04**2, wanted, rtol=0.05)
 
 
+def test_no_contact_is_stretched_out_of_the_plane():
+    assert gp.amplitude_shift(bulk("triangular", "out_of_plane"), [0.2, 0.1], 2) == 0.0
+
+
 def test_waves_without_an_amplitude_shift_are_refused():
     network = line(10.0, 1, periodic=True)
     for q, words in (([0.0], "costs nothing"), ([0.1, 0.2], "shape"), ([np.nan], "shape")):
@@ -167,6 +171,9 @@ def test_waves_without_an_amplitude_shift_are_refused():
             gp.amplitude_shift(network, q)
     with pytest.raises(InputError, match="branch"):
         gp.amplitude_shift(network, [0.1], 5)
+    twist = gp.AveragedLattice(gp.Packing(STEEL, D, lattice="chain", motions="all", torsion=0.02)).at_force(10.0)
+    with pytest.raises(InputError, match="only turn"):
+        gp.amplitude_shift(twist, [0.2], 2)
 
 
 # -- contacts ---------------------------------------------------------------------------------------------------------
@@ -271,9 +278,11 @@ def test_the_sum_of_energies_wanders_where_contacts_open():
 
 
 @pytest.mark.claim("nonlinear-linear")
-@pytest.mark.parametrize("lattice", ["triangular", "fcc"])
-def test_small_motions_are_modes(lattice):
-    network = bulk(lattice).repeat((4,) * bulk(lattice).dimension).cut(1, 1)
+@pytest.mark.parametrize(("lattice", "motions"), [("triangular", None), ("triangular", "out_of_plane"), ("fcc", None)])
+def test_small_motions_are_modes(lattice, motions):
+    """Out of the plane no contact is stretched: all of its stiffness is that against slip."""
+    cell = bulk(lattice, motions)
+    network = cell.repeat((4,) * cell.dimension).cut(1, 1)
     modes, number = gp.Waves(network).modes(5), 3
     waves, axes = gp.NonlinearWaves(network), list(network.ball_motions.translations)
     shape = modes.vectors[number]

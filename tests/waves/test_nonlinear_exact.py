@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -172,6 +173,20 @@ def test_a_ball_that_falls_on_a_floor_bounces():
     assert_allclose(motion.displacements[highest, 0, 0], v**2 / (2.0 * 9.81), rtol=1e-5)
     assert_allclose(motion.arrivals(0.01)[0], 2.0 * v / 9.81, rtol=1e-3)  # of the frames
     assert_allclose(motion.velocities[-1, 0, 0], 0.8 * v + 9.81 * lasting, atol=1e-4 * v)
+
+
+def test_a_floor_may_be_either_end_of_a_contact():
+    network = bulk("square").repeat((3, 1)).cut(1, 2, ("floor", "free"))
+    ends = {"i": "j", "j": "i", "arm_i": "arm_j", "arm_j": "arm_i"}
+    turned = {name: getattr(network, end) for name, end in ends.items()}
+    turned |= {name: -getattr(network, name) for name in ("shift", "normal")}
+    spins = np.where(network.moving[:, None], [0.0, 0.0, 3.0], 0.0)
+    one, other = (
+        gp.NonlinearWaves(each, geometry="exact").run(1e-4, spins=spins, frames=3)
+        for each in (network, replace(network, lattice=None, **turned))
+    )
+    assert_allclose(other.displacements, one.displacements, atol=1e-9 * np.abs(one.displacements).max())
+    assert_allclose(other.middles[-3:], one.middles[-3:], atol=1e-12 * D)
 
 
 @pytest.mark.parametrize("law", [gp.JKR(0.1), gp.DMT(0.1)])

@@ -81,6 +81,9 @@ def test_one_ball_on_a_spring_and_a_dashpot():
     assert_allclose(found[0].values[:, 0] * UNITS.stiffness, receptance, rtol=1e-13)
     assert_allclose(found[1].values[:, 0] * VISCOSITY, 1j * omega * receptance, rtol=1e-13)
     assert_allclose(found[2].values[:, 0], spring * receptance, rtol=1e-13)
+    steps = gp.Waves(network).response(omega[1:] * HERTZ, (1, "x"), (1, "x"), c / OMEGA, eta, method="krylov")
+    assert steps.steps == 1
+    assert_allclose(steps.values, found[0].values[1:], rtol=1e-13)
     assert_allclose(found[0].phase[:, 0], np.angle(receptance))
     assert [one.to_dict()["units"]["values"] for one in found] == ["m/N", "m/(N s)", "1"]
     again = gp.Response.from_dict(found[0].to_dict())
