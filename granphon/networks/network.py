@@ -260,6 +260,13 @@ class ContactNetwork(Result):
         return read_only(np.where(np.isinf(self.radii[self.j]), np.inf, np.linalg.norm(self.vector, axis=1)))
 
     @cached_property
+    def walls(self) -> dict[int, tuple[Array, Array]]:
+        """By its index, each flat wall that balls touch: a place on it (3,), m, and its normal (3,), away from the balls."""
+        at = np.flatnonzero(np.isinf(self.distance))[::-1]  # of several contacts the first has the place
+        places = self.positions[self.i[at]] + self.arm_i[at, None] * self.normal[at]
+        return {int(wall): (place, n) for wall, place, n in zip(self.j[at], places, self.normal[at], strict=True)}
+
+    @cached_property
     def scales(self) -> Units:
         """Length, stiffness and mass of the reduced units of this network.
 

@@ -163,11 +163,9 @@ class TrueDirections(_Directions):
         vectors = np.where(flat[:, None], network.normal, network.vector)
         apart, at_wall = network.positions[j] + shift @ network.cell - network.positions[i], np.isinf(network.radii[j])
         gap = np.linalg.norm(apart, axis=1) - network.radii[i] - np.where(at_wall, 0.0, network.radii[j]) - bulge
-        for wall in np.unique(j[at_wall]):  # a plane through the places where balls touch it
-            one, own = np.flatnonzero(flat & (network.j == wall))[0], j == wall
-            plane = network.positions[network.i[one]] + network.arm_i[one] * network.normal[one]
-            apart[own] = network.normal[one]
-            gap[own] = (plane - network.positions[i[own]]) @ network.normal[one] - network.radii[i[own]]
+        for wall, (spot, toward) in network.walls.items():
+            own = j == wall
+            apart[own], gap[own] = toward, (spot - network.positions[i[own]]) @ toward - network.radii[i[own]]
         self._gap = np.append(np.zeros(network.n_contacts), gap) if extra else gap
         self._r = np.ascontiguousarray(np.concatenate([vectors, apart]).T[list(self.axes)])
         self._square = np.sum(self._r**2, axis=0)

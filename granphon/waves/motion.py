@@ -127,9 +127,12 @@ class Motion(Result):
     @property
     def middles(self) -> Array:
         """(n_c, 3) places of the contacts at rest, m."""
-        network = self.network
-        of_network = network.positions[network.i] + network.arm_i[:, None] * network.normal
-        return np.concatenate([of_network, np.mean(network.positions[self.met], axis=1)])
+        network, (i, j) = self.network, self.met.T
+        met = 0.5 * (network.positions[i] + network.positions[j])
+        for wall, (place, toward) in network.walls.items():  # where the ball stands over a flat wall
+            start = network.positions[i[own := j == wall]]
+            met[own] = start + np.outer((place - start) @ toward, toward)
+        return np.concatenate([network.positions[network.i] + network.arm_i[:, None] * network.normal, met])
 
     def peaks(self) -> tuple[Array, Array]:
         """Return the times, s, and the heights, N, of the greatest normal force of each contact, each (n_c,).

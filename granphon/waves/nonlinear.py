@@ -637,18 +637,17 @@ class _System:
         near = np.linalg.norm(apart, axis=1) < radii[round_ones[i]] + radii[round_ones[j]] + margin
         i, j, shift = round_ones[i[near]], round_ones[j[near]], np.zeros((np.count_nonzero(near), 3), np.intp)
         shift[:, list(network.pbc)] = cells[near]
-        flat = np.isinf(network.distance)
-        for wall in np.unique(network.j[flat]):
-            one = np.flatnonzero(flat & (network.j == wall))[0]
-            plane = places[wall] - network.positions[wall] + network.positions[network.i[one]]
-            plane = plane + network.arm_i[one] * network.normal[one]
-            gap = (plane - places[round_ones]) @ network.normal[one] - network.radii[round_ones]
+        for wall, (place, toward) in network.walls.items():
+            moved = places[wall] - network.positions[wall]
+            gap = (place + moved - places[round_ones]) @ toward - radii[round_ones]
             near = round_ones[gap < self._skin]
             i, j = np.append(i, near), np.append(j, np.full(len(near), wall))
             shift = np.concatenate([shift, np.zeros((len(near), 3), np.intp)])
-        # pairs that are no contacts of the network, each once; contacts begin with the ball that pairs begin with
-        own, n, moves = np.column_stack([network.i, network.j, network.shift]), network.n_contacts, network.moving
-        back = ~select_once(network.i, network.j, network.shift)
+        # pairs that are no contacts of the network, each once; contacts begin with the ball that pairs begin with, and those
+        # with a flat wall, which is at any place, with the other
+        flat, n, moves = np.isinf(network.distance), network.n_contacts, network.moving
+        own = np.column_stack([network.i, network.j, np.where(flat[:, None], 0, network.shift)])
+        back = ~(select_once(network.i, network.j, network.shift) | flat)
         own[back] = np.column_stack([network.j, network.i, -network.shift])[back]
         pairs = np.column_stack([i, j, shift])[moves[i] | moves[j]]
         table, first = np.unique(np.concatenate([own, pairs]), axis=0, return_index=True)

@@ -189,6 +189,27 @@ def test_a_floor_may_be_either_end_of_a_contact():
     assert_allclose(other.middles[-3:], one.middles[-3:], atol=1e-12 * D)
 
 
+def test_a_floor_may_be_listed_before_the_balls():
+    """Its contacts are those of the network, and are not met anew; a ball meets it where it stands over the floor."""
+    network = bulk("triangular").repeat((3, 1)).cut(1, 2, ("floor", "free"))
+    order = np.roll(np.arange(network.n_balls), 1)
+    place = np.argsort(order)
+    moved = {name: getattr(network, name)[order] for name in ("positions", "radii", "masses", "inertias")}
+    first = replace(network, lattice=None, shape=None, i=place[network.i], j=place[network.j], **moved)
+    speeds = np.where(network.moving[:, None], [0.02, -0.03, 0.0], 0.0)
+    one, other = (
+        gp.NonlinearWaves(each, geometry="exact").run(1e-4, velocities=start, frames=3)
+        for each, start in ((network, speeds), (first, speeds[order]))
+    )
+    assert other.met.size == 0
+    assert_allclose(other.displacements[:, place], one.displacements, atol=1e-12 * np.abs(one.displacements).max())
+    upper = int(np.argmax(np.where(network.moving, network.positions[:, 1], -np.inf)))
+    wider = {name: np.pad(getattr(one, name), ((0, 0), (0, 1))) for name in ("forces", "shears")}
+    met = replace(one, met=np.array([[upper, network.n_balls - 1]]), **wider)
+    height = one.middles[np.isinf(network.distance)][0, 1]
+    assert_allclose(met.middles[-1], [network.positions[upper, 0], height, 0.0], atol=1e-12 * D)
+
+
 @pytest.mark.parametrize("law", [gp.JKR(0.1), gp.DMT(0.1)])
 def test_balls_stick_or_part(law):
     """A slow ball does not come off; a fast one has lost what it takes to break the contact.
