@@ -467,14 +467,17 @@ class Plan:
         with case.at_load(0):
             return case.state
 
-    def states(self, quick: bool = False, cases: Iterable[PlannedCase] | None = None) -> Iterator[tuple[str, ContactState]]:
-        """Return label and state of every medium at every combination of parameters, or of some ``cases``, one by one.
+    def states(self, quick: bool = False) -> Iterator[tuple[str, ContactState]]:
+        """Return label and state of every medium at every combination of parameters, one after the other.
 
         Quantities of a state have the shape (n_loads,), or () for one load. A state is solved when its turn comes; with
         ``quick`` simulations, cluster media and effective media of long lists are left out.
         :class:`~granphon.base.errors.InputError` at the first medium that cannot carry the loads.
         """
-        for one in self.cases if cases is None else cases:
+        return self._solve(self.cases, quick)
+
+    def _solve(self, cases: Iterable[PlannedCase], quick: bool) -> Iterator[tuple[str, ContactState]]:
+        for one in cases:
             _ = one.is_possible
             yield from one.states(quick)
 
@@ -493,7 +496,7 @@ class Plan:
         cases = self._place(grid) if many else self.cases
         slow = {serving.medium.name for one in cases for serving in one.serving_media if not serving.is_quick}
         left += [medium.slow_part for name, medium in MEDIA.items() if name in slow and medium.slow_part]
-        return self.states(True, cases), " and ".join(left)
+        return self._solve(cases, True), " and ".join(left)
 
     def expect_warnings(self) -> list[tuple[str, str]]:
         """Return what is known of simulations before they are run: the label of each medium, and a warning."""
