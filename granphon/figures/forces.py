@@ -161,9 +161,8 @@ def _draw_chains(layer: _Map, ax: Axes, edges: tuple[float, ...]) -> LineCollect
         widths = np.clip(forces / mean, 0.2, 4.0) if mean > 0.0 else np.full(len(forces), 0.2)
         # a piece of a flat wall at each contact with it
         at = np.isinf(network.radii[network.j])
-        ball, normal = network.i[at], network.normal[at, :2]
-        touch = network.positions[ball, :2] + network.arm_i[at, None] * normal
-        across = 0.5 * network.radii[ball, None] * np.stack([-normal[:, 1], normal[:, 0]], axis=1)
+        touch, normal = network.contact_places[at, :2], network.normal[at, :2]
+        across = 0.5 * network.radii[network.i[at], None] * np.stack([-normal[:, 1], normal[:, 0]], axis=1)
         pieces = np.stack([touch - across, touch + across], axis=1)
         walls = LineCollection(list(pieces), colors=_IDLE, linewidths=1.0, gid="walls")
         ax.add_collection(walls, autolim=False)

@@ -259,12 +259,19 @@ class ContactNetwork(Result):
         """(n_c,) distance of the centres, m; infinite at a flat wall, which is a body of infinite radius at any place."""
         return read_only(np.where(np.isinf(self.radii[self.j]), np.inf, np.linalg.norm(self.vector, axis=1)))
 
+    @property
+    def contact_places(self) -> Array:
+        """(n_c, 3) where the contacts are, m: at the arm of ball i from its centre, along the normal."""
+        return np.asarray(self.positions[self.i] + self.arm_i[:, None] * self.normal)
+
     @cached_property
     def walls(self) -> dict[int, tuple[Array, Array]]:
         """By its index, each flat wall that balls touch: a place on it (3,), m, and its normal (3,), away from the balls."""
         at = np.flatnonzero(np.isinf(self.distance))[::-1]  # of several contacts the first has the place
-        places = self.positions[self.i[at]] + self.arm_i[at, None] * self.normal[at]
-        return {int(wall): (place, n) for wall, place, n in zip(self.j[at], places, self.normal[at], strict=True)}
+        return {
+            int(wall): (place, n)
+            for wall, place, n in zip(self.j[at], self.contact_places[at], self.normal[at], strict=True)
+        }
 
     @cached_property
     def scales(self) -> Units:

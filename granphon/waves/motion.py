@@ -132,7 +132,7 @@ class Motion(Result):
         for wall, (place, toward) in network.walls.items():  # where the ball stands over a flat wall
             start = network.positions[i[own := j == wall]]
             met[own] = start + np.outer((place - start) @ toward, toward)
-        return np.concatenate([network.positions[network.i] + network.arm_i[:, None] * network.normal, met])
+        return np.concatenate([network.contact_places, met])
 
     def peaks(self) -> tuple[Array, Array]:
         """Return the times, s, and the heights, N, of the greatest normal force of each contact, each (n_c,).
