@@ -37,7 +37,7 @@ from granphon.base.results import Result, read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
 from granphon.base.validation import finite_array, label, lengths, real_array, require, truth, whole_number
-from granphon.dynamics.long_waves import voigt_pairs
+from granphon.dynamics.elasticity import voigt_pairs
 from granphon.media.crystal_statics import Frame, Push, Rest, Springs, settle, settle_exactly
 from granphon.media.limits import Check, check_limit
 from granphon.media.state import read_finite_overlap
