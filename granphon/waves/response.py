@@ -53,12 +53,12 @@ from granphon.base.results import Result
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
 from granphon.base.threads import single_products
-from granphon.base.validation import frequency_array, one_of, positive
+from granphon.base.validation import frequency_array, index_array, one_of, positive
 from granphon.dynamics.damping import ContactDamping
 from granphon.networks.network import ContactNetwork
 from granphon.waves.modes import PIVOT
 from granphon.waves.operator import WaveOperator
-from granphon.waves.pulses import Course, read_balls, read_push, read_vector, require_moves
+from granphon.waves.pulses import Course, read_push, read_vector, require_moves
 
 #: what may be asked for, and its unit
 QUANTITIES = {"displacement": "m/N", "velocity": "m/(N s)", "transmissibility": "1"}
@@ -288,7 +288,7 @@ class _Places:
             if isinstance(one, str) and one == "plane":
                 found, vector = self._find_plane(name, held), read_push(network, self.along, self.polarisation)
             elif isinstance(one, tuple) and len(one) == 2:
-                found, vector = read_balls(name, one[0], network), self._read_direction(one[1])
+                found, vector = index_array(name, one[0], network.n_balls), self._read_direction(one[1])
             else:
                 mend = "Give (ball, direction), (balls, direction), 'plane', or a list of these"
                 raise InputError(f"the {name} is {brief(one)}", mend=mend)
