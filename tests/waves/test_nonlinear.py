@@ -318,6 +318,24 @@ def test_a_small_pulse_is_the_one_that_is_transmitted():
     assert differ[0] / differ[1] == pytest.approx(4.0, rel=0.1)
 
 
+TABLE = np.geomspace(1e-9, 1e-5, 9)
+
+
+@pytest.mark.parametrize(
+    "law", [gp.Hertz(), gp.PowerLaw(2.0, 1e13), gp.TabulatedLaw(TABLE, 1e10 * TABLE**1.5), gp.DMT(0.5), gp.JKR(0.5)]
+)
+@pytest.mark.parametrize("share", [1e-6, 1e-3, 0.1])
+def test_energies_of_motions_much_smaller_than_overlaps(law, share):
+    """They are no differences of large ones; and steps of the midpoint scheme, as long as those of the other, find them."""
+    chain = gp.Crystal.on("chain", [gp.Ball(STEEL, D)], law=law, motions="longitudinal")
+    waves = gp.NonlinearWaves(chain.cut(0, 5, edges=("clamped", "free")).at_overlap(1e-7))
+    own = math.sqrt(waves.network.normal_stiffness[0] / waves.network.masses[-1])
+    velocities = push(waves.network, share * 1e-7 * own, 2)
+    found = waves.run(20.0 / own, velocities=velocities, frames=11, scheme="midpoint")
+    assert_allclose(found.energy, found.energy[0], rtol=1e-9 / share**0.5)
+    assert 0.5 * found.step < waves.run(20.0 / own, velocities=velocities, frames=11).step
+
+
 def test_an_implicit_step_without_a_solution_ends_the_motion():
     """Where a contact that adheres breaks slowly, its force falls to zero within a step; explicit steps go on."""
     glass = gp.Ball(gp.Material(70e9, 0.22, 2500.0), 1e-5)
