@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from granphon.base.errors import InputError
 from granphon.base.validation import real_array, whole_number
+from granphon.dynamics.compatibility import require_digits
 from granphon.waves.contact_forces import Powers
 from granphon.waves.nonlinear import NonlinearWaves
 from granphon.waves.operator import WaveOperator
@@ -39,7 +40,10 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
     network, operator = waves.network, WaveOperator(waves.network)
     periods, at = np.flatnonzero(network.pbc), real_array("q", q)
     if at.shape not in ((len(periods),), (3,)) or not periods.size or not np.all(np.isfinite(at)):
-        raise InputError(f"q has the shape {at.shape}", mend=f"Give ({len(periods)},) fractions")
+        raise InputError(f"q has the shape {at.shape}", mend=f"Give ({len(periods)},) finite fractions")
+    require_digits(at)
+    if np.any(at[len(periods) :]):
+        raise InputError("q has a component across the periods", mend="Give 0 for it")
     which, n = whole_number("branch", branch, 0, operator.size - 1), network.n_contacts
     turn = 2.0j * np.pi * (network.shift[:, periods] @ at[: len(periods)])
 

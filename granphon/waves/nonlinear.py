@@ -39,7 +39,7 @@ from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, LimitWarning, StoppedEarlyWarning, brief
 from granphon.base.progress import Progress, silent
 from granphon.base.threads import single_products
-from granphon.base.validation import not_negative, one_of, positive, real_array, real_number, whole_number
+from granphon.base.validation import index_array, not_negative, one_of, positive, real_array, real_number, whole_number
 from granphon.dynamics.damping import ContactDamping
 from granphon.media.crystal import Crystal, CrystalState
 from granphon.media.crystal_statics import Springs
@@ -49,7 +49,7 @@ from granphon.waves.contact_forces import ContactForces, PairLaws, Powers, Touch
 from granphon.waves.directions import FixedDirections, Moment, PlaneDirections, TrueDirections
 from granphon.waves.motion import Frames, Motion
 from granphon.waves.operator import WaveOperator
-from granphon.waves.pulses import read_balls, read_vector, require_moves
+from granphon.waves.pulses import read_vector, require_moves
 from granphon.waves.settings import GEOMETRIES, SCHEMES
 
 #: steps in the shortest period that the contacts could have, by default; and the least number with which steps are stable
@@ -321,7 +321,7 @@ class _System:
         for one in drives:
             if not isinstance(one, Drive) or (one.displacement is None) == (one.force is None):
                 raise InputError(f"drive is {brief(one)}", mend="Give a Drive with a displacement or a force")
-            balls = read_balls("drive", one.balls, network)
+            balls = index_array("drive", one.balls, network.n_balls)
             along = read_vector("direction", one.direction, network.dimension)
             require_moves("drive", along, network)
             if one.force is not None and not np.all(network.moving[balls]):
