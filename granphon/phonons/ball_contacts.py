@@ -80,11 +80,8 @@ class BallContacts(ContactCalculator):
     def __init__(self, balls: Mapping[str, Ball | Material], law: Any = None, friction: bool = True) -> None:
         super().__init__()
         given: Any = balls
-        if (
-            not isinstance(given, Mapping)
-            or not given
-            or not all(isinstance(one, Ball | Material) for one in given.values())
-        ):
+        known = isinstance(given, Mapping) and all(isinstance(one, Ball | Material) for one in given.values())
+        if not known or not given:
             mend = 'Give a granphon.Ball or Material for each kind, as {"Na": ball}'
             raise InputError(f"the balls are {brief(given)}", mend=mend)
         self.balls, self.friction = dict(balls), friction
