@@ -68,8 +68,12 @@ _NEWTON_STEPS = 12
 _NEWTON_TOLERANCE = 1e-8
 #: phases from layer to layer at which Zak phases and windings are summed
 _WINDING_PHASES = 256
-#: determinant, over the product of the norms of its rows, that counts as zero
+#: determinant, over the product of the norms of its rows, and gap in w, over the highest w, that count as zero
 _SINGULAR = 1e-12
+#: least overlap of branches from one phase to the next at which their gap counts as open
+_OPEN = 0.5
+#: phase that is zero but for rounding, rad
+_NO_PHASE = 1e-9
 #: -w, over the highest w, at which edge motions without energy are told from others
 _FREE_SHIFT = 1e-10
 #: part of the energy of such a motion in the top layer, at least
@@ -458,9 +462,10 @@ class HalfSpace:
         62, 2747, 1989).
 
         It is that of the motions of the balls where an edge is held, and of the deformations of contacts where it is free,
-        as each edge leaves whole cells of these.
+        as each edge leaves whole cells of these. Raises :class:`~granphon.base.errors.InputError` where the gap closes.
         """
         rows = self._find_rows(q)
+        squares = np.linalg.eigvalsh(rows.conj().swapaxes(1, 2) @ rows)
         kept = slice(below, None)
         if self.edge == "free":
             kept = slice(below - self.size, None)
@@ -468,7 +473,12 @@ class HalfSpace:
         _, vectors = np.linalg.eigh(rows.conj().swapaxes(1, 2) @ rows)
         shape = vectors[:, :, kept]
         steps = np.linalg.det(shape.conj().swapaxes(1, 2) @ np.roll(shape, -1, axis=0))
-        return float(-np.angle(np.prod(steps / np.abs(steps))) % (2.0 * np.pi))
+        gap = squares[:, below] - squares[:, below - 1]
+        if np.min(gap) <= _SINGULAR * self.highest or np.min(np.abs(steps)) < _OPEN:
+            what = f"the gap above the {below} lowest branches closes, or nearly, at this wave vector"
+            raise InputError(what, mend="Take another one, or another number below")
+        phase = -float(np.angle(np.prod(steps / np.abs(steps))))
+        return 0.0 if abs(phase) < _NO_PHASE else phase % (2.0 * np.pi)
 
     def winding(self, q: Array) -> int:
         """Return how often det C winds about zero at q (p - 1,), which is the number of motions at a free edge that cost

@@ -274,7 +274,8 @@ class Surface:
         """Return the Zak phase (n_q,), rad, 0 to 2 pi, at q (n_q, p - 1), of the branches above the ``below`` lowest ones.
 
         At a free edge it is the phase of the deformations of contacts, else of the motions of balls. Where symmetry leaves
-        but 0 and pi, pi means a wave of the edge in the gap above the ``below`` lowest branches, which must be open.
+        but 0 and pi, pi means a wave of the edge in the gap above the ``below`` lowest branches; an
+        :class:`~granphon.base.errors.InputError` says where it closes.
         """
         half = self.half_space
         low = whole_number("below", below, 1, half.size - 1)

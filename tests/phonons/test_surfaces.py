@@ -257,8 +257,10 @@ def test_the_zak_phase_counts_the_states_at_the_end_of_a_chain():
     ]  # fmt: skip
     cases += [(gp.Surface(chain(masses, (2e7, 2e7)), 0), waves) for masses, waves in (([1e-2, 3e-2], 1), ([3e-2, 1e-2], 0))]
     for surface, waves in cases:
-        assert_allclose(np.exp(1j * surface.zak_phase()), (-1.0) ** waves, atol=1e-10)
+        assert_allclose(surface.zak_phase(), np.pi * waves, atol=1e-10)
         assert len(surface.branches()[0]) == waves
+    # rounding makes no 2 pi of a phase of zero
+    assert_allclose(gp.Surface(balls("triangular"), 1, "clamped").zak_phase(np.linspace(0.2, 0.4, 21)[:, None]), 0.0)
 
 
 def listed_size(network, axis):
@@ -318,6 +320,7 @@ def test_the_winding_counts_the_motions_at_the_edges_that_cost_nothing(axis):
         (lambda: gp.Surface(bulk("fcc"), 2).velocity([0.0, 0.0]), "not all zero"),
         (lambda: gp.Surface(bulk("triangular"), 0).winding([[0.1]]), "6 deformations of contacts and 3 motions"),
         (lambda: gp.Surface(bulk("honeycomb"), 0).winding([[0.1]]), "det C vanishes"),
+        (lambda: gp.Surface(bulk("triangular"), 1).zak_phase([[0.0]]), "gap above the 1 lowest branches closes"),
         (lambda: gp.Surface(bulk("square"), 0).spectrum([[0.1]], [1.0]), "one frequency"),
         (lambda: gp.Surface(bulk("square"), 0).spectrum([[0.1]], [-1.0, 1.0]), "frequencies"),
     ],
