@@ -20,6 +20,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 
 from granphon.base.arrays import Array, Complex, Index
@@ -78,9 +79,9 @@ _NO_PHASE = 1e-9
 _FREE_SHIFT = 1e-10
 #: part of the energy of such a motion in the top layer, at least
 _FREE_TOP_PART = 1e-3
-#: nodes of the polynomial that continues S into the complex plane, over their spacing
-_NODES = np.arange(-3.0, 4.0)
-#: last coefficient of this polynomial, over the linear one, below which it has converged
+#: nodes of the polynomial that continues S into the complex plane, and their reach over the half width at first
+_NODES, _REACH = np.cos(np.pi * (np.arange(15) + 0.5) / 15), 2.0
+#: shift of a root by the last term of this polynomial, over its half width, below which it has converged
 _TAIL = 1e-5
 #: half width over frequency up to which a resonance counts as a leaky wave
 _MOST_WIDTH = 0.05
@@ -430,18 +431,21 @@ class HalfSpace:
         """
         n, size, top = len(roots), self.size, self.highest
         nearest = np.min(np.abs(self.bands(q).reshape(len(q), -1)[place] - roots.real[:, None]), axis=1)
-        unit = np.minimum(np.maximum(np.abs(roots.imag), _DIFFERENCE_STEP * top), nearest / 3.0)
+        unit = np.minimum(np.maximum(_REACH * np.abs(roots.imag), _DIFFERENCE_STEP * top), 0.5 * nearest)
         at = (roots.real + unit * _NODES[:, None]).ravel() + 1j * _BAND_BROADENING * top
         values = self.inverse_green(q, np.tile(place, len(_NODES)), at).reshape(len(_NODES), n, size, size)
-        parts = np.einsum("kj,jnab->knab", np.linalg.inv(np.vander(_NODES, increasing=True)), values)
-        powers, t = np.arange(len(_NODES)), (1j * (roots.imag - _BAND_BROADENING * top)) / unit
+        degree = len(_NODES) - 1
+        parts = np.tensordot(np.linalg.inv(chebyshev.chebvander(_NODES, degree)), values, 1)
+        t = ((1j * (roots.imag - _BAND_BROADENING * top)) / unit)[:, None, None]
         for _ in range(_NEWTON_STEPS):
-            slope = np.einsum("kn,knab->nab", powers[1:, None] * t ** powers[:-1, None], parts[1:])
-            steps = np.linalg.eigvals(np.linalg.solve(slope, -np.einsum("kn,knab->nab", t ** powers[:, None], parts)))
+            slope = chebyshev.chebval(t, chebyshev.chebder(parts), tensor=False)
+            steps = np.linalg.eigvals(np.linalg.solve(slope, -chebyshev.chebval(t, parts, tensor=False)))
             step = steps[np.arange(n), np.argmin(np.abs(steps), axis=1)]
-            t = t + step
-        tail = np.linalg.norm(parts[-1], axis=(1, 2)) / np.linalg.norm(parts[1], axis=(1, 2)) * np.abs(t) ** (len(parts) - 2)
-        good = (tail <= _TAIL) & (np.abs(step) <= _NEWTON_TOLERANCE) if n else np.zeros(0, bool)
+            t = t + step[:, None, None]
+        off = np.linalg.norm(parts[-1], axis=(1, 2)) / np.linalg.norm(slope, axis=(1, 2))
+        t = t[:, 0, 0]
+        tail = off * np.abs(chebyshev.chebvander(t, degree)[:, -1])
+        good = (tail <= _TAIL * np.abs(t.imag)) & (np.abs(step) <= _NEWTON_TOLERANCE) if n else np.zeros(0, bool)
         found = roots.real + unit * t + 1j * _BAND_BROADENING * top
         return np.where(good, found.real + 1j * np.minimum(found.imag, 0.0), roots)
 

@@ -208,6 +208,23 @@ def test_leaky_waves_are_roots_of_outgoing_waves(lattice, axis, q):
     assert_allclose([frequency, 0.5 * width], [expected.real, -expected.imag], rtol=0.0, atol=1e-5 * width)
 
 
+@pytest.mark.claim("leaky")
+@pytest.mark.parametrize(("q", "converged"), [(0.02, (1, 2)), (0.33, (0, 1))])
+def test_leaky_waves_near_extremes_inside_of_bands(q, converged):
+    # two kinds of balls, whose bands have extremes between their ends: a polynomial across one of them tells no width
+    light = gp.Ball(gp.Material(70e9, 0.33, 2700.0), 8e-3)
+    crystal = gp.Crystal.on("triangular", [gp.Ball(gp.Material(193e9, 0.3, 8000.0), 8e-3)]).repeat((2, 1)).replace(0, light)
+    surface = gp.Surface(crystal.at_overlap(1e-6), 1)
+    found = surface.branches([[q]], leaky=True)
+    unit, blocks = surface.half_space.units.frequency, surface.half_space.blocks(np.array([[q]]))
+    for place, at in enumerate(np.flatnonzero(found.widths > 0.0)):
+        frequency, width = found.frequencies[at], found.widths[at]
+        root = follow_pole(*(one[0] for one in blocks), ((frequency - 0.5j * width) / unit) ** 2)
+        expected = np.sqrt(root) * unit
+        assert_allclose(width, -2.0 * expected.imag, rtol=1e-5 if place in converged else 1.0)
+        assert place not in converged or abs(frequency - expected.real) < 1e-5 * width
+
+
 def test_a_spectrum_is_that_of_a_long_column():
     # of the end of a chain: the response of the first ball of many, damped in the same way
     network = gp.Crystal.on("chain", [BALL]).at_force(10.0).network
