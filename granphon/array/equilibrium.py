@@ -43,7 +43,7 @@ from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError, InputError
 from granphon.base.results import Result
-from granphon.dynamics.long_waves import voigt_pairs
+from granphon.dynamics.elasticity import voigt_pairs
 
 #: largest residual force on a ball, over the mean contact force (or over the rms difference of contact forces, if that is
 #: less)

@@ -32,7 +32,7 @@ from granphon.array.sparse_matrices import compose_hessian, factorise
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError
-from granphon.dynamics.long_waves import find_stress_part, voigt_pairs
+from granphon.dynamics.elasticity import find_stress_part, voigt_pairs
 
 #: largest number of iterations for a linear response
 _MOST_ITERATIONS = 60_000

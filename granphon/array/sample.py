@@ -20,10 +20,10 @@ from granphon.balls.contact_table import contact_frames
 from granphon.balls.lattices import BALL
 from granphon.balls.packing import MINDLIN, Packing
 from granphon.base.arrays import Array
-from granphon.base.errors import InputError, needing
+from granphon.base.errors import InputError, brief, needing
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units, WidthUnits
-from granphon.base.validation import whole_number
+from granphon.base.validation import not_negative, real_number, whole_number
 from granphon.dynamics.compatibility import GYRATION
 from granphon.networks.network import ContactNetwork
 
@@ -156,7 +156,8 @@ class Sample(Result):
 
     def contact_fraction(self, threshold: float = LEAST_CONTACT) -> float:
         """Return N_c / z, the fraction of contacts that carry more than ``threshold`` times the mean force (1e-6)."""
-        return float(np.mean(self.equilibrium.forces > threshold * self.equilibrium.force))
+        least = not_negative("threshold", threshold)
+        return float(np.mean(self.equilibrium.forces > least * self.equilibrium.force))
 
     def force_distribution(self, bins: int = 60, largest: float = 6.0, least: float = 0.0) -> tuple[Array, Array]:
         """Return (bins + 1,) edges in f/<f> and the (bins,) probability density of the forces of contacts that carry load.
@@ -312,14 +313,14 @@ def turn_frames(packing: Packing, vectors: tuple[Any, Any, Any], shape: tuple[in
 def find_density(values: Array, bins: int, least: float, largest: float) -> tuple[Array, Array]:
     """Return (bins + 1,) edges and the (bins,) probability density of ``values``, of all of them: it may leave some out.
 
-    Raises :class:`~granphon.base.errors.InputError` if ``bins`` is no whole number above zero, or no number is between
-    ``least`` and ``largest``.
+    Raises :class:`~granphon.base.errors.InputError` if ``bins`` is no whole number from 1 to a million, or no number is
+    between ``least`` and ``largest``.
     """
-    number = whole_number("bins", bins, 1)
-    if not -math.inf < least < largest < math.inf:
-        raise InputError(f"there are no bins between {least:g} and {largest:g}", mend="Give a larger upper end")
-    counts, edges = np.histogram(values, number, (least, largest))
-    return edges, counts / (values.size * np.diff(edges))
+    number, low, high = whole_number("bins", bins, 1, 1_000_000), real_number(least), real_number(largest)
+    if not -math.inf < low < high < math.inf:
+        raise InputError(f"there are no bins between {brief(least)} and {brief(largest)}", mend="Give a larger upper end")
+    counts, edges = np.histogram(values, number, (low, high))
+    return edges, counts / values.size / np.diff(edges)
 
 
 def standard_error(values: Array, axis: int) -> Array:

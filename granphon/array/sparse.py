@@ -22,7 +22,7 @@ from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.base.arrays import Array
 from granphon.base.errors import ConvergenceError
-from granphon.dynamics.long_waves import voigt_pairs
+from granphon.dynamics.elasticity import voigt_pairs
 from granphon.dynamics.rows import Row, contact_rows, strain_rows
 
 #: largest number of steps of Newton's method, each with an LU factorisation

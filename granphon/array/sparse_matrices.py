@@ -81,6 +81,23 @@ def _find_places(shape: Any, shifts: Any, ends: Any, count: int) -> tuple[Index,
     return slots.ravel(), (place % size).astype(np.int32), starts
 
 
+def share_places(matrices: Iterable[Any]) -> list[Any]:
+    """Return a matrix (CSC) with a place for each entry that any square sparse matrix has, and the entries of each there.
+
+    Sums of the matrices are then sums of arrays.
+    """
+    from scipy.sparse import csc_array
+
+    given = [one.tocoo() for one in matrices]
+    size = given[0].shape[0]
+    keys = [one.col.astype(np.int64) * size + one.row for one in given]
+    places = np.unique(np.concatenate(keys))
+    starts = np.searchsorted(places, np.arange(size + 1) * size)
+    every: Any = csc_array((np.zeros(places.size), places % size, starts), shape=(size, size))
+    at = [np.searchsorted(places, key) for key in keys]
+    return [every, *(np.bincount(place, one.data, places.size) for place, one in zip(at, given, strict=True))]
+
+
 def factorise(matrix: Any, approximate: bool = False, pivot: float = 0.0, order: Any = "MMD_AT_PLUS_A") -> Any:
     """Return the LU factors of a symmetric matrix, positive definite if ``pivot`` is zero; ``order`` is that of columns.
 

@@ -11,7 +11,7 @@ from typing import NamedTuple, Protocol
 from granphon.balls.diameters import Discrete, Measured, Normal, Uniform, given_spread
 from granphon.balls.material import LEAST_YOUNG_MODULUS, Material
 from granphon.base.errors import InputError
-from granphon.base.validation import label, positive, require
+from granphon.base.validation import is_one_of, label, positive, require
 
 #: reason given when a property of a ball is outside its limit
 WRONG_UNIT = "the unit is probably wrong, SI units are expected"
@@ -99,7 +99,7 @@ class Ball:
         if inertia > 5.0 / 3.0 * solid * (1.0 + 1e-9):
             why = f"That of a shell of this mass, the largest there is, is {5.0 / 3.0 * solid:g} kg m^2"
             raise InputError(f"inertia is {inertia:g} kg m^2", why, "Compare the units")
-        if self.name != "":
+        if not is_one_of(self.name, ("",)):
             require("the name of a ball", label, self.name)
         if self.spread is not None:
             given_spread(self.spread).check_diameter(diameter)

@@ -143,11 +143,11 @@ def _find_basis(axis: Any, cell: Array) -> Index:
     periods = len(cell)
     if not periods:
         raise InputError("there is no period across which it could be cut", mend="Give what repeats")
-    whole = isinstance(axis, int | np.integer) and not isinstance(axis, bool)
     basis = np.eye(periods, dtype=np.intp)
-    if whole and 0 <= axis < periods:
+    if is_whole(axis) and 0 <= axis < periods:
         return np.concatenate([np.delete(basis, axis, axis=0), basis[axis : axis + 1]])
-    given = np.asarray(axis)
+    words = axis.tolist() if isinstance(axis, np.ndarray) else axis
+    given = np.array(words if isinstance(words, list | tuple) and all(map(is_whole, words)) else ())
     if given.shape == (4,) and periods == 3:
         # the indices h, k, i, l of a hexagonal cell, where i = -(h + k)
         a, b, c = cell
@@ -158,7 +158,7 @@ def _find_basis(axis: Any, cell: Array) -> Index:
         if given[0] + given[1] + given[2] != 0:
             raise InputError(what, "The third of four Miller indices is minus the sum of the first two", "Mend it")
         given = given[[0, 1, 3]]
-    if given.shape != (periods,) or given.dtype.kind not in "iu" or not np.any(given) or np.max(np.abs(given)) > _MOST_INDEX:
+    if given.shape != (periods,) or not np.any(given) or np.max(np.abs(given)) > _MOST_INDEX:
         what = f"axis is {brief(axis)}"
         indices = counted(periods, "Miller index", "Miller indices")
         raise InputError(what, mend=f"Give the number of a vector of the cell, 0 to {periods - 1}, or {indices}")

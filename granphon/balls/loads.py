@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.errors import InputError, brief
-from granphon.base.quantities import LOAD_KINDS, LOADS, TENSORS, find_load_unit
+from granphon.base.quantities import LOAD_KINDS, TENSORS, find_load_unit
 from granphon.base.results import read_only
-from granphon.base.validation import finite_array, is_one_of, real_list, require, whole
+from granphon.base.validation import finite_array, one_of, real_list, require, whole
 
 #: a rule (:mod:`granphon.base.validation`) for the length of a side of a hexagonal frame, in balls
 balls_on_side = partial(whole, low=1, high=1_000_000)
@@ -58,8 +58,7 @@ class Load:
     gravity: float | None = None
 
     def __post_init__(self) -> None:
-        if not is_one_of(self.kind, LOAD_KINDS):
-            raise InputError(f"unknown kind of load {brief(self.kind)}", mend="Use " + ", ".join(LOADS))
+        one_of("kind", self.kind, LOAD_KINDS)
         object.__setattr__(self, "array", read_only(finite_array(self.kind, self.array)))
         # an overlap may be negative, and what gravity loads need not be pressed
         if self.kind != "overlap" and not (self.gravity is not None and np.all(self.array >= 0.0)):

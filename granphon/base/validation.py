@@ -282,6 +282,15 @@ def finite_numbers(values: Any, unit: str = "", low: str = "") -> NDArray[np.flo
     raise Refused(found, " ".join(filter(None, ("one or more finite numbers", low))) + (unit and f", {unit}"))
 
 
+def indices(values: Any, count: int) -> NDArray[np.intp]:
+    """The index of a ball, or indices of several, as (n,): of ``count`` balls, each once."""
+    found = finite_numbers(values)
+    plain = found.ndim < 2 and np.all((found == np.rint(found)) & (found >= 0) & (found < count))
+    if not plain or np.unique(found).size < found.size:
+        raise Refused(brief(values), f"indices of balls, 0 to {count - 1}, each once")
+    return np.atleast_1d(found).astype(np.intp)
+
+
 def frequencies(values: Any, low: str = "zero or above", in_order: bool = True) -> NDArray[np.float64]:
     """Frequencies (n,), Hz, of which none is above :data:`HIGHEST_FREQUENCY`; ``in_order``: each above the one before."""
     array = finite_numbers(values, "Hz", low)
@@ -347,6 +356,8 @@ def _named(rule: Callable[Concatenate[Any, Options], Value]) -> Callable[Concate
 real_array = _named(real_numbers)
 #: an array of one or more finite numbers in an SI unit
 finite_array = _named(finite_numbers)
+#: indices of balls, each once
+index_array = _named(indices)
 #: a word among the options
 one_of = _named(choice)
 #: frequencies, Hz

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.balls.lattices import one_direction
-from granphon.balls.packing import PARAMETERS, Packing
+from granphon.balls.packing import PARAMETERS, Packing, given_packing
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.results import Result
@@ -595,7 +595,7 @@ def fit_width(
     """
     data = Measurements(real_array("force", force, "N"), real_array("velocity", velocity, "m/s"), sigma, frequency)
     names = texts("parameters", parameters)
-    choice = MediumChoice.parse(medium, packing.structure)
+    choice = MediumChoice.parse(medium, given_packing(packing).structure)
     if "width" not in names and not packing.width:
         choice = MediumChoice("ala")
     asked = require("finite_overlap", truth, finite_overlap)

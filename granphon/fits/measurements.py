@@ -70,13 +70,14 @@ class Measurements(Result):
         counts = {}
         for name in self.units:
             given = getattr(self, name)
-            if given is not None:
+            needed = name in ("force", "velocity")
+            if given is not None or needed:
                 array = np.array(finite_list(name, given, self.units[name], "above zero"))
                 counts[name] = array.size
                 if name == "velocity" and np.max(array, initial=0.0) > LIGHT_VELOCITY:
                     what = f"velocity is {np.max(array):.6g} m/s, more than the velocity of light"
                     raise InputError(what, mend="Look at the unit, and at the number itself")
-                object.__setattr__(self, name, array if np.ndim(given) or name in ("force", "velocity") else float(array[0]))
+                object.__setattr__(self, name, array if np.ndim(given) or needed else float(array[0]))
         n = counts["force"]
         if counts["velocity"] != n or any(np.ndim(x) and np.size(x) != n for x in (self.sigma, self.frequency)):
             found = ", ".join(f"{count} of {name}" for name, count in counts.items())

@@ -287,14 +287,16 @@ def fit_damping(
         raise InputError("the data are no transfer function", mend="Give a gp.TransferFunction(frequencies, magnitude)")
     names = texts("parameters", parameters)
     require_fitted(names, PARAMETERS)
+    network = given_network(x)
+    if {"stiffness", "load"} <= set(names) and not network.prestress:
+        why = "Without prestress a load does no more than scale stiffnesses"
+        raise InputError("the data cannot tell stiffness and load apart", why, "Fit one of them")
     pairs = [one if isinstance(one, tuple) else (one, one) for one in (damping, loss_factor)]
     places = {
         "source": source, "receiver": receiver, "quantity": quantity, "direction": direction, "polarisation": polarisation,
         "distance": distance,
     }  # fmt: skip
-    model = _Model(
-        given_network(x), names, (pairs[0][0], pairs[0][1]), (pairs[1][0], pairs[1][1]), measured.frequencies, places
-    )
+    model = _Model(network, names, (pairs[0][0], pairs[0][1]), (pairs[1][0], pairs[1][1]), measured.frequencies, places)
     m, phase, given = measured.magnitude, measured.phase, measured.sigma is not None
     dof = m.size * (1 if phase is None else 2) - len(names)
     if dof < (not given):

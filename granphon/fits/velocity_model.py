@@ -27,10 +27,10 @@ from granphon.balls.hertz import EXPONENT
 from granphon.balls.loads import Load
 from granphon.balls.packing import MINDLIN, Packing, change_packing
 from granphon.base.arrays import Array
-from granphon.base.errors import InputError, UnreachableFrequencyError, brief
+from granphon.base.errors import InputError, UnreachableFrequencyError
 from granphon.base.results import Result
 from granphon.base.text import suggest
-from granphon.base.validation import is_one_of, positive, require, truth
+from granphon.base.validation import one_of, positive, require, truth
 from granphon.dynamics.branches import follow_acoustic_branches
 from granphon.media.choice import MediumChoice, no_simulation
 from granphon.media.medium import AveragedLattice
@@ -79,8 +79,7 @@ class Waves(Result):
     finite_overlap: bool
 
     def __post_init__(self) -> None:
-        if not is_one_of(self.branch, _BRANCHES):
-            raise InputError(f"unknown branch {brief(self.branch)}", mend="Use " + " or ".join(_BRANCHES[:2]))
+        one_of("branch", self.branch, _BRANCHES)
         require("finite_overlap", truth, self.finite_overlap)
         super().__post_init__()
 

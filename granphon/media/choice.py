@@ -22,7 +22,7 @@ from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import load_quantities
 from granphon.base.registry import Registry
-from granphon.base.validation import block, choice, number, read_inside, real_number, require
+from granphon.base.validation import block, choice, is_one_of, number, read_inside, real_number, require
 from granphon.media.accuracy import FRICTIONLESS, accuracy
 from granphon.media.arrangement import Balls, CrystalMedium
 from granphon.media.cost import estimate
@@ -515,7 +515,7 @@ def no_simulation(media: Iterable[MediumChoice]) -> None:
 
 
 def _read_name(value: Any) -> str:
-    return str(value) if value == CrystalMedium.name else choice(value, MEDIA)
+    return str(value) if is_one_of(value, (CrystalMedium.name,)) else choice(value, MEDIA)
 
 
 def _read_options(name: str, given: Any, lattice: Lattice | None = None, written: bool = False) -> dict[str, Any]:

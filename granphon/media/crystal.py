@@ -36,8 +36,8 @@ from granphon.base.errors import InputError, brief
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
-from granphon.base.validation import finite_array, label, lengths, real_array, require, truth, whole_number
-from granphon.dynamics.long_waves import voigt_pairs
+from granphon.base.validation import finite_array, index_array, label, lengths, real_array, require, truth, whole_number
+from granphon.dynamics.elasticity import voigt_pairs
 from granphon.media.crystal_statics import Frame, Push, Rest, Springs, settle, settle_exactly
 from granphon.media.limits import Check, check_limit
 from granphon.media.state import read_finite_overlap
@@ -233,7 +233,7 @@ class Crystal(Result):
         """
         given = list_balls(balls)
         find_kinds(given)
-        if lattice == "chain" or lattice is LATTICES["chain"]:
+        if (isinstance(lattice, str) and lattice == "chain") or lattice is LATTICES["chain"]:
             steps = [one.radius + other.radius for one, other in zip(given, given[1:] + given[:1], strict=True)]
             places = np.concatenate([[0.0], np.cumsum(steps)])
             return cls(given, [[float(places[-1])]], places[:-1, None], **({"name": "chain"} | options))
@@ -361,7 +361,7 @@ class Crystal(Result):
 
         ``index`` is the number of a ball, or a list of numbers. A ball of another size must touch the same neighbours.
         """
-        at = self._read_balls(index)
+        at = index_array("index", index, self.n_balls)
         given = list(self.balls)
         if not isinstance(ball, Ball):
             raise InputError(f"{brief(ball)} is not a ball", mend="Give a granphon.Ball")
@@ -396,7 +396,7 @@ class Crystal(Result):
     def remove(self, index: Any) -> Self:
         """Return the crystal without a ball, or without several: a vacancy. ``index`` is a number or a list of numbers."""
         kept = np.ones(self.n_balls, bool)
-        kept[self._read_balls(index)] = False
+        kept[index_array("index", index, self.n_balls)] = False
         if not np.any(kept):
             raise InputError("no ball is left", mend="Remove fewer")
         place, table, origin = np.cumsum(kept) - 1, self.contacts, np.flatnonzero(kept)
@@ -405,13 +405,6 @@ class Crystal(Result):
         other = self._take(origin, contacts, self.positions[kept])
         other._require_joined()
         return other
-
-    def _read_balls(self, index: Any) -> Index:
-        at = np.atleast_1d(np.asarray(index))
-        if at.dtype.kind not in "iu" or at.ndim != 1 or np.any((at < 0) | (at >= self.n_balls)):
-            what = f"{brief(index)} is not the number of a ball"
-            raise InputError(what, mend=f"Give whole numbers from 0 to {self.n_balls - 1}")
-        return np.unique(at).astype(np.intp)
 
     def cut(self, axis: Any, layers: int, edges: Any = "free") -> Self:
         """Return so many layers of the crystal, which no longer repeat across them: a strip, slab or column.
@@ -1230,9 +1223,10 @@ class CrystalState(Result):
 
 def list_balls(balls: Any) -> list[Any]:
     """Return balls, the argument of a public call, as a list; one ball is a list of one."""
-    if isinstance(balls, str | Mapping | set | frozenset) or not isinstance(balls, Iterable | Ball):
+    given = balls.tolist() if isinstance(balls, np.ndarray) else balls
+    if isinstance(given, str | Mapping | set | frozenset) or not isinstance(given, Iterable | Ball):
         raise InputError(f"the balls are {brief(balls)}", mend="Give a list of granphon.Ball")
-    return [balls] if isinstance(balls, Ball) else list(balls)
+    return [given] if isinstance(given, Ball) else list(given)
 
 
 def find_kinds(balls: Sequence[Any]) -> tuple[tuple[Ball, ...], Index]:

@@ -25,8 +25,8 @@ from granphon.balls.lattices import TRIANGULAR, Lattice
 from granphon.balls.loads import Load, require_compressive
 from granphon.balls.motions import Motions
 from granphon.balls.packing import Packing, given_packing, require_shallow
-from granphon.base.errors import InputError, brief
-from granphon.base.validation import Rule, choice, is_one_of, whole, whole_number
+from granphon.base.errors import InputError
+from granphon.base.validation import Rule, choice, one_of, whole, whole_number
 from granphon.dynamics.cluster_response import ClusterResponse, cluster_response, cluster_sizes
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.local_field import LocalField, local_field, paper_local_field
@@ -322,8 +322,7 @@ class EffectiveMedium(LawMedium):
     source: str
 
     def __init__(self, packing: Packing, local_field: Literal["computed", "paper"] = "computed") -> None:
-        if not is_one_of(local_field, _LOCAL_FIELDS):
-            raise InputError(f"local_field is {brief(local_field)}", mend="Give 'computed' or 'paper'")
+        one_of("local_field", local_field, _LOCAL_FIELDS)
         if local_field == "paper" and isinstance(packing, Packing):
             other = f"of the {packing.structure.name} lattice" if packing.structure != TRIANGULAR else ""
             if lacking := other or "with bending" * bool(packing.bending):

@@ -35,7 +35,7 @@ from granphon.base.progress import Progress, silent
 from granphon.base.results import read_only
 from granphon.base.validation import choice, finite_array, lengths, require, whole, whole_number
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.dynamics.long_waves import bulk_and_shear, longitudinal_modulus, symmetrise, waves_of_tensor
+from granphon.dynamics.elasticity import bulk_and_shear, longitudinal_modulus, symmetrise, waves_of_tensor
 from granphon.media.left_out import (
     EXACT,
     GEOMETRIES,

@@ -29,7 +29,7 @@ from granphon.base.text import counted
 from granphon.base.validation import require, truth
 from granphon.dynamics.compatibility import GYRATION
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.dynamics.long_waves import has_cubic_axes, is_cubic
+from granphon.dynamics.elasticity import has_cubic_axes, is_cubic
 from granphon.laws.cluster import ClusterLaw
 from granphon.laws.effective import EffectiveLaw
 from granphon.laws.spread import AveragedLaw

@@ -27,7 +27,7 @@ from granphon.base.registry import Registry
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
-from granphon.base.validation import label, lengths, one_of, real_array, require, text_list, truth, whole_number
+from granphon.base.validation import index_array, label, lengths, one_of, real_array, require, text_list, truth, whole_number
 from granphon.networks.building import LARGEST, MOST_STEPS, read_whole_numbers
 
 #: fields with one number for each ball
@@ -380,13 +380,10 @@ class ContactNetwork(Result):
         It keeps the ``labels`` of the balls; if they have none, the labels are their indices in this network. Raises
         :class:`~granphon.base.errors.InputError` for balls that are not there, for a ball given twice, and for none.
         """
-        chosen = np.asarray(balls)
-        if chosen.dtype.kind == "b" and chosen.shape == (self.n_balls,):
-            chosen = np.flatnonzero(chosen)
-        chosen = read_whole_numbers("balls", chosen)
-        if chosen.ndim != 1 or np.any((chosen < 0) | (chosen >= self.n_balls)) or np.unique(chosen).size != chosen.size:
-            what = f"the balls {brief(balls)} cannot be selected from {self.n_balls}"
-            raise InputError(what, mend="Give indices, each once, or a truth value for each ball")
+        plain: Any = balls.tolist() if isinstance(balls, np.ndarray) else balls
+        flags = isinstance(plain, list | tuple) and len(plain) == self.n_balls
+        flags = flags and all(isinstance(one, bool | np.bool_) for one in plain)
+        chosen = index_array("balls", np.flatnonzero(plain) if flags else balls, self.n_balls)
         place = np.full(self.n_balls, -1)
         place[chosen] = np.arange(chosen.size)
         i, j = place[self.i], place[self.j]

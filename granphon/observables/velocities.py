@@ -18,7 +18,7 @@ from granphon.base.results import Result
 from granphon.base.validation import finite_array, texts
 from granphon.dynamics.branches import AcousticBranch, AcousticBranches, follow_acoustic_branches
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.dynamics.long_waves import anisotropy, bulk_and_shear, shears, voigt_names
+from granphon.dynamics.elasticity import anisotropy, bulk_and_shear, shears, voigt_names
 from granphon.media.state import ContactState, State, as_state, given_state
 from granphon.observables.validity import find_warnings
 

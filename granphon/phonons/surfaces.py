@@ -12,13 +12,14 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.balls.lattices import one_direction
 from granphon.balls.layers import EDGES
 from granphon.base.arrays import Array
 from granphon.base.errors import GranphonError, InputError
 from granphon.base.results import Result
 from granphon.base.staging import write_text
 from granphon.base.tables import Heading, table_text
-from granphon.base.validation import finite_array, one_of, positive, real_array, whole_number
+from granphon.base.validation import finite_array, one_of, positive, real_array, require, truth, whole_number
 from granphon.dynamics.half_space import HalfSpace
 from granphon.media.state import State
 from granphon.networks.network import given_network
@@ -237,9 +238,9 @@ class Surface:
         """
         (fractions, points), unit = self._read(q), self._frequency
         found = [self.half_space.find_waves(fractions)]
-        if leaky:
+        if require("leaky", truth, leaky):
             found.append(self.half_space.find_leaky_waves(fractions))
-        if free:
+        if require("free", truth, free):
             found.append(self.half_space.find_free_motions(fractions))
         place, squares, weight = (np.concatenate(parts) for parts in zip(*found, strict=True))
         roots = np.sqrt(squares.astype(complex)) * unit
@@ -300,13 +301,12 @@ class Surface:
         """
         p = len(self.cell)
         along = np.eye(max(p, 1))[0] if direction is None else real_array("direction", direction)
-        if along.shape == (p + 1,):
+        along = one_direction(along, p if p and along.shape != (p + 1,) else p + 1)
+        if len(along) > p:
             turned = self.half_space.layers.turn[: p + 1, : p + 1] @ along
-            if abs(turned[p]) > 1e-9 * np.linalg.norm(turned):
+            if abs(turned[p]) > 1e-9:
                 raise InputError("the direction leaves the edge", mend="Give one along it")
             along = turned[:p]
-        if along.shape != (p,) or not 0.0 < np.linalg.norm(along) < np.inf:
-            raise InputError(f"the direction has the shape {along.shape}", mend=f"Give {p} numbers, not all zero")
         unit = self.half_space.units.velocity
         return float(unit * self.half_space.rayleigh_velocity(along / np.linalg.norm(along)))
 

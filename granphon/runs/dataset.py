@@ -32,7 +32,7 @@ from granphon.base.results import restore
 from granphon.base.tables import Heading, write_table
 from granphon.base.text import damage_error, digest, read_bytes, require_schema, show, suggest, versions, warn_unverified
 from granphon.base.validation import find_unit_of
-from granphon.dynamics.long_waves import voigt_names
+from granphon.dynamics.elasticity import voigt_names
 from granphon.media.arrangement import Balls
 from granphon.media.left_out import EXACT, LATTICE
 from granphon.observables.catalogue import CATALOGUE, Analysis, entry_of

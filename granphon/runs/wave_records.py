@@ -35,6 +35,7 @@ from granphon.base.arrays import Index
 from granphon.base.errors import ConvergenceError, GranphonError, InputError, LimitWarning, StoppedEarlyWarning
 from granphon.base.results import Result
 from granphon.base.tables import Heading, table_text
+from granphon.base.validation import index_array
 from granphon.media.choice import ServingMedium
 from granphon.media.cost import find_typical_force
 from granphon.media.crystal import CrystalState
@@ -53,7 +54,6 @@ from granphon.waves.pulses import (
     Pulse,
     PulseSource,
     average_pulses,
-    read_balls,
     read_vector,
     require_moves,
     require_sendable,
@@ -276,7 +276,7 @@ class PreparedMotion:
         self.waves = make_waves(x, network, settings)
         self.drives, self.velocities = list[Drive](), np.zeros((network.n_balls, 3))
         for one in settings.drive:
-            balls = read_balls("balls of the drive", one.find_balls(network), network)
+            balls = index_array("balls of the drive", one.find_balls(network), network.n_balls)
             along = np.eye(network.dimension)[0] if one.direction is None else one.direction
             vector = read_vector("direction of the drive", along, network.dimension)
             require_moves("drive", vector, network)

@@ -45,7 +45,7 @@ from granphon.base.scales import write_quantity
 from granphon.base.tables import table_text
 from granphon.base.text import digest
 from granphon.base.validation import choice, each, number, require, truth, whole
-from granphon.dynamics.long_waves import bulk_and_shear, longitudinal_modulus
+from granphon.dynamics.elasticity import bulk_and_shear, longitudinal_modulus
 from granphon.laws.effective import EffectiveLaw, effective_curve, solve_curve
 from granphon.media.choice import even_shape
 from granphon.media.cost import Cost, estimate, write_duration

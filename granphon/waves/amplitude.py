@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from granphon.base.errors import InputError
 from granphon.base.validation import real_array, whole_number
+from granphon.dynamics.compatibility import require_digits
 from granphon.waves.contact_forces import Powers
 from granphon.waves.nonlinear import NonlinearWaves
 from granphon.waves.operator import WaveOperator
@@ -39,7 +40,10 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
     network, operator = waves.network, WaveOperator(waves.network)
     periods, at = np.flatnonzero(network.pbc), real_array("q", q)
     if at.shape not in ((len(periods),), (3,)) or not periods.size or not np.all(np.isfinite(at)):
-        raise InputError(f"q has the shape {at.shape}", mend=f"Give ({len(periods)},) fractions")
+        raise InputError(f"q has the shape {at.shape}", mend=f"Give ({len(periods)},) finite fractions")
+    require_digits(at)
+    if np.any(at[len(periods) :]):
+        raise InputError("q has a component across the periods", mend="Give 0 for it")
     which, n = whole_number("branch", branch, 0, operator.size - 1), network.n_contacts
     turn = 2.0j * np.pi * (network.shift[:, periods] @ at[: len(periods)])
 
@@ -56,15 +60,15 @@ def amplitude_shift(x: Any, q: ArrayLike, branch: int = 0, law: Any = None) -> f
         raise InputError(what, "Its wave is not known", "Take another wave vector or branch")
     vector, square = vectors[:, which], float(squares[which])
     moves = operator.values(vector)[:, operator.motions.translating]
-    size = float(np.sqrt(np.max(np.sum(np.abs(moves) ** 2, axis=1) / network.masses[operator.balls])))
-    if np.sum(np.abs(moves) ** 2) < _ALONE:
+    # the square of half the long axis of the ellipse of each ball
+    long = 0.5 * (np.sum(np.abs(moves) ** 2, axis=1) + np.abs(np.sum(moves**2, axis=1)))
+    size = float(np.sqrt(np.max(long / network.masses[operator.balls])))
+    if np.sum(long) < _ALONE:
         raise InputError(f"balls only turn in branch {which}", "An amplitude is a displacement", "Take another branch")
-    a, k, delta = waves.normal.exponent, network.normal_stiffness, waves.overlap
     # the tension of a contact is k e + second e^2 + third e^3
+    a, k, delta = waves.normal.exponent, network.normal_stiffness, waves.overlap
     second, third = -0.5 * k * (a - 1.0) / delta, k * (a - 1.0) * (a - 2.0) / (6.0 * delta**2)
-    e = stretch @ vector
-    twice, reach = find(2)
-    level, still = find(0)
+    e, (twice, reach), (level, still) = stretch @ vector, find(2), find(0)
     if np.min(np.abs(np.linalg.eigvalsh(twice) - 4.0 * square)) < _ALONE * top:
         raise InputError("twice the frequency is that of a wave of 2 q", "The two exchange energy", "Change q")
     double = reach @ np.linalg.solve(twice - 4.0 * square * np.eye(len(twice)), -0.5 * reach.conj().T @ (second * e * e))

@@ -11,7 +11,7 @@ deformations.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +24,10 @@ from granphon.media.crystal_statics import Springs
 _ROOM = 2**17
 #: what stands for zero where it divides zero
 _NONE = hertz.LEAST_NORMAL
-#: change of an overlap, over the overlap, below which the mean force is that of both ends: the rest is below rounding
-_CLOSE = 1e-5
+#: change of an overlap, over the overlap, up to which forces are averaged: a difference of energies would lose more digits
+_CLOSE = 2e-3
+#: Gauss's two points, over the way between, from its middle
+_GAUSS = 0.5 / math.sqrt(3.0)
 
 
 class Part(NamedTuple):
@@ -58,11 +60,6 @@ class Powers:
         self.root, self.rest = share(np.maximum(np.sqrt(overlap), _NONE)), share(coefficient * overlap**exponent)
         self._fall, self._rise = share(-coefficient), share(hertz.stiffness_of(coefficient))
 
-    def join(self, coefficient: Array, overlap: Array) -> Self:
-        """Return these laws and some more."""
-        parts = ((self.coefficient, coefficient), (self.overlap, overlap))
-        return type(self)(self.exponent, *(np.concatenate(each) for each in parts))
-
     def press(self, e: Array, at: slice = slice(None), out: Any = None) -> tuple[Array, Array]:
         """Return f - f_0, without a difference of near-equal forces, and the stiffness, of contacts ``at``; in ``out``."""
         change, k = (np.empty_like(e), np.empty_like(e)) if out is None else out
@@ -90,7 +87,8 @@ class Powers:
         if self.exponent == hertz.EXPONENT:
             return np.asarray(self.coefficient * hertz.stretch(self.overlap, self.root, e))
         a, h = self.exponent, np.maximum(self.overlap - e, 0.0)
-        return self.coefficient * (h ** (a + 1.0) - self.overlap ** (a + 1.0)) / (a + 1.0) + self.rest * e
+        far = self.coefficient * (h ** (a + 1.0) - self.overlap ** (a + 1.0)) / (a + 1.0) + self.rest * e
+        return _store_near(self, e, far)
 
     def is_closed(self, e: Array) -> NDArray[np.bool_]:
         """Whether contacts are closed."""
@@ -125,19 +123,30 @@ class PairLaws:
 
     def store(self, e: Array) -> Array:
         """As for :class:`Powers`; below zero where contacts adhere. Where they have broken it is that at the break."""
-        return self.springs.energy(np.maximum(self.overlap - e, self.springs.least)) - self._energy + self.rest * e
+        far = self.springs.energy(np.maximum(self.overlap - e, self.springs.least)) - self._energy + self.rest * e
+        return _store_near(self, e, far)
 
     def is_closed(self, e: Array) -> NDArray[np.bool_]:
         """Whether contacts are closed."""
         return np.asarray(self.overlap - e > self.springs.least)
 
 
+def _level(law: Powers | PairLaws, e: Array, other: Array) -> Array:
+    """Return the mean of f - f_0 between elongations that are close."""
+    middle, part = 0.5 * (e + other), _GAUSS * (other - e)
+    return np.asarray(0.5 * (law.press(middle - part)[0] + law.press(middle + part)[0]))
+
+
+def _store_near(law: Powers | PairLaws, e: Array, far: Array) -> Array:
+    """Return the energies ``far``, but near rest, where they are differences of near-equal ones, that of the mean force."""
+    return np.where(np.abs(e) > _CLOSE * np.abs(law.overlap), far, -e * _level(law, np.zeros_like(e), e))
+
+
 def _mean_of(law: Powers | PairLaws, e: Array, other: Array) -> Array:
-    """Return the mean force as the change of the energy over that of e, or as that of both ends where these are close."""
+    """Return the mean force: the change of the energy over that of e, where these are not close or a contact opens."""
     way = other - e
-    far = np.abs(way) > _CLOSE * np.abs(law.overlap - e)
-    both = 0.5 * (law.press(e)[0] + law.press(other)[0])
-    return np.divide(law.store(e) - law.store(other), way, out=both, where=far)
+    far = (np.abs(way) > _CLOSE * np.abs(law.overlap - e)) | (law.is_closed(e) != law.is_closed(other))
+    return np.divide(law.store(e) - law.store(other), way, out=_level(law, e, other), where=far)
 
 
 class Touch(NamedTuple):

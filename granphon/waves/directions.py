@@ -166,7 +166,7 @@ class TrueDirections(_Directions):
         for wall, (spot, toward) in network.walls.items():
             own = j == wall
             apart[own], gap[own] = toward, (spot - network.positions[i[own]]) @ toward - network.radii[i[own]]
-        self._gap = np.append(np.zeros(network.n_contacts), gap) if extra else gap
+        self._gap = np.append(np.zeros(network.n_contacts), np.maximum(gap, 0.0)) if extra else gap  # none pushes at rest
         self._r = np.ascontiguousarray(np.concatenate([vectors, apart]).T[list(self.axes)])
         self._square = np.sum(self._r**2, axis=0)
         self._length = np.sqrt(self._square)

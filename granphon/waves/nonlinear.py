@@ -32,14 +32,14 @@ from numpy.typing import ArrayLike
 
 from granphon.balls import hertz
 from granphon.balls.ball import RIGID_PLANE
-from granphon.balls.contact_laws import DMT, JKR, Hertz, PowerLaw, law_between
+from granphon.balls.contact_laws import DMT, JKR, Hertz, PairLaw, PowerLaw, law_between
 from granphon.balls.contact_table import find_pairs, select_once
 from granphon.balls.hertz import HertzLaw
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, LimitWarning, StoppedEarlyWarning, brief
 from granphon.base.progress import Progress, silent
 from granphon.base.threads import single_products
-from granphon.base.validation import not_negative, one_of, positive, real_array, real_number, whole_number
+from granphon.base.validation import index_array, not_negative, one_of, positive, real_array, real_number, whole_number
 from granphon.dynamics.damping import ContactDamping
 from granphon.media.crystal import Crystal, CrystalState
 from granphon.media.crystal_statics import Springs
@@ -49,7 +49,7 @@ from granphon.waves.contact_forces import ContactForces, PairLaws, Powers, Touch
 from granphon.waves.directions import FixedDirections, Moment, PlaneDirections, TrueDirections
 from granphon.waves.motion import Frames, Motion
 from granphon.waves.operator import WaveOperator
-from granphon.waves.pulses import read_balls, read_vector, require_moves
+from granphon.waves.pulses import read_vector, require_moves
 from granphon.waves.settings import GEOMETRIES, SCHEMES
 
 #: steps in the shortest period that the contacts could have, by default; and the least number with which steps are stable
@@ -62,8 +62,8 @@ _MOST_STEPS = 10_000_000
 _AWAY = 0.5
 #: distance over the mean diameter up to which balls are listed as ones that may meet
 _SKIN = 0.2
-#: relative change at which an implicit step is solved, and most iterations
-_SOLVED, _ITERATIONS = 1e-14, 50
+#: relative change at which an implicit step is solved, that up to which one that does not fall is rounding, most iterations
+_SOLVED, _ROUNDED, _ITERATIONS = 1e-14, 1e-9, 50
 #: relative difference of coefficients of contacts, over the roots of their radii, that are those of one material
 _ALIKE = 1e-2
 
@@ -118,17 +118,13 @@ class NonlinearWaves:
     ) -> None:  # fmt: skip
         state = x.touch() if isinstance(x, Crystal) else x
         self.network: ContactNetwork = given_network(state)
-        self._state = state if isinstance(state, CrystalState) else None
         self.geometry, network = one_of("geometry", geometry, GEOMETRIES), self.network
         if network.prestress and geometry == "lattice":
             why = "Contacts keep their directions in this motion, and static forces would turn them"
             raise InputError("static forces act sideways in this network", why, 'Give geometry="exact"')
-        self.normal = self._find_laws(law, isinstance(x, Crystal))
-        self.mu = (
-            friction_coefficient
-            if friction_coefficient == math.inf
-            else not_negative("friction_coefficient", friction_coefficient)
-        )
+        self.normal = self._find_laws(law, state if isinstance(state, CrystalState) else None, isinstance(x, Crystal))
+        mu = friction_coefficient
+        self.mu = mu if mu == math.inf else not_negative("friction_coefficient", mu)
         self.damping = ContactDamping.of(network, damping).times
         field = np.zeros(3)
         if gravity is not None:
@@ -140,65 +136,51 @@ class NonlinearWaves:
         self.gravity: Array = field
 
     def __repr__(self) -> str:
-        network, of = self.network, ""
-        if isinstance(self.normal, Powers):
-            of = f", f ~ overlap^{self.normal.exponent:g}"
-        return f"NonlinearWaves({network.n_balls:,} balls, {network.n_contacts:,} contacts{of})"
+        of = f", f ~ overlap^{self.normal.exponent:g}" if isinstance(self.normal, Powers) else ""
+        return f"NonlinearWaves({self.network.n_balls:,} balls, {self.network.n_contacts:,} contacts{of})"
 
     @property
     def overlap(self) -> Array:
         """(n_c,) overlaps at rest, m."""
         return self.normal.overlap
 
-    def _find_laws(self, law: Any, unloaded: bool) -> Powers | PairLaws:
-        network, state = self.network, self._state
-        force, stiffness = network.normal_force, network.normal_stiffness
+    def _find_laws(self, law: Any, state: CrystalState | None, unloaded: bool) -> Powers | PairLaws:
+        """Return the laws of the contacts, and keep them with the law of any pair, or as powers that follow radii."""
+        force, stiffness = self.network.normal_force, self.network.normal_stiffness
+        self._known: Powers | tuple[Springs, Callable[[int, int], PairLaw]]
         if state is not None and law is None:
-            springs = state.springs
-            overlap = springs.overlap(np.zeros_like(force) if unloaded else force)
-            exponents = {getattr(one, "exponent", hertz.EXPONENT) for one, _ in springs.groups}
-            if len(exponents) > 1 or not all(isinstance(one, HertzLaw | PowerLaw) for one, _ in springs.groups):
-                return PairLaws(springs, overlap)
-            coefficient = np.empty(network.n_contacts)
-            for one, at in springs.groups:
-                coefficient[at] = one.coefficient  # type: ignore[attr-defined]  # a power
-            return Powers(exponents.pop(), coefficient, overlap)
+            self._known = springs, _ = state.springs, state.crystal.law_of
+            return _take_laws(springs, springs.overlap(np.zeros_like(force) if unloaded else force))
         if unloaded or isinstance(law, DMT | JKR):
             why = "Its contacts are those of balls of known materials, or of no load"
             raise InputError(f"law is {brief(law)}", why, "Give the law to the Crystal")
         if not isinstance(law, Hertz | PowerLaw | None):
             one = law_between(law, RIGID_PLANE, RIGID_PLANE)
-            return PairLaws(Springs([(one, np.arange(force.size))], force.size), np.asarray(one.overlap(force), float))
+            self._known = springs, _ = Springs([(one, np.arange(force.size))], force.size), lambda *_: one
+            return _take_laws(springs, np.asarray(one.overlap(force), float))
         if not np.all(force > 0.0):
             what = f"{np.count_nonzero(force <= 0.0)} of {force.size} contacts have no force"
             raise InputError(what, "Their overlap is not known", "Press the network, leave them out, or give a Crystal")
         exponent = law.exponent if isinstance(law, PowerLaw) else hertz.EXPONENT
         overlap = exponent * force / stiffness
-        return Powers(exponent, force / overlap**exponent, overlap)
+        self._known = powers = Powers(exponent, force / overlap**exponent, overlap)
+        return powers
 
     def _join_laws(self, i: Index, j: Index) -> Powers | PairLaws:
         """Return the laws of the contacts and of pairs (i, j) beside, which just touch."""
-        network, none = self.network, np.zeros(len(i))
-        if self._state is not None:
-            crystal = self._state.crystal
-            kind = np.append(crystal.kind, np.full(network.n_balls - crystal.n_balls, -1))
-            pairs = list(zip(kind[i].tolist(), kind[j].tolist(), strict=True))
-            last = {pair: at for at, pair in enumerate(pairs)}
-            laws: dict[Any, Any] = {pair: crystal.law_of(int(i[at]), int(j[at])) for pair, at in last.items()}
-            if isinstance(self.normal, Powers):
-                return self.normal.join(np.array([laws[pair].coefficient for pair in pairs]), none)
-            groups = [(law, len(network.i) + np.flatnonzero([pair == one for pair in pairs])) for one, law in laws.items()]
-            groups = [*self.normal.springs.groups, *groups]
-        elif isinstance(self.normal, PairLaws):
-            ((law, _),) = self.normal.springs.groups
-            groups = [(law, np.arange(len(network.i) + len(i)))]
-        else:
-            one = self.normal.coefficient / _root_radius(network.radii, network.i, network.j)
+        network, known, overlap = self.network, self._known, np.append(self.overlap, np.zeros(len(i)))
+        if isinstance(known, Powers):
+            one = known.coefficient / _root_radius(network.radii, network.i, network.j)
             if np.ptp(one) > _ALIKE * np.mean(one):
                 what = "balls of unlike materials come to touch"
                 raise InputError(what, "Their contact law is not known", "Give a Crystal")
-            return self.normal.join(np.mean(one) * _root_radius(network.radii, i, j), none)
-        return PairLaws(Springs(groups, len(network.i) + len(i)), np.append(self.normal.overlap, none), len(i))
+            more = np.mean(one) * _root_radius(network.radii, i, j)
+            return Powers(known.exponent, np.append(known.coefficient, more), overlap)
+        kinds = network.kinds or ("",) * network.n_balls
+        pairs = [(kinds[one], kinds[other]) for one, other in zip(i.tolist(), j.tolist(), strict=True)]
+        laws = {pair: known[1](int(i[at]), int(j[at])) for at, pair in enumerate(pairs)}
+        groups = [(law, network.n_contacts + np.flatnonzero([pair == one for pair in pairs])) for one, law in laws.items()]
+        return _take_laws(Springs([*known[0].groups, *groups], len(overlap)), overlap, len(i))
 
     def run(
         self, duration: float, positions: ArrayLike | None = None, velocities: ArrayLike | None = None,
@@ -258,9 +240,8 @@ class NonlinearWaves:
         while True:
             each = max(1, math.ceil(length / (count - 1) / wanted))
             require_steps(each * (count - 1))
-            network, exact = self.network, length / (count - 1) / each
-            kept = Frames(network, exact, file)
-            stopped = ""
+            exact, stopped = length / (count - 1) / each, ""
+            kept = Frames(self.network, exact, file)
             with kept, single_products(), progress.step("motion", count - 1) as told:
                 try:
                     for frame in system.integrate(x, v, exact, each, count, scheme, kept):
@@ -276,8 +257,7 @@ class NonlinearWaves:
             if (sentence := check_limit("contact_radius", system.widest).warning) is not None:
                 warnings.warn(f"in the motion {sentence[0].lower()}{sentence[1:].rstrip('.')}", LimitWarning, stacklevel=2)
             if stopped:
-                at = kept.last_time
-                early = StoppedEarlyWarning(f"the motion ends after {at:.4g} s of {length:.4g} s: {stopped}")
+                early = StoppedEarlyWarning(f"the motion ends after {kept.last_time:.4g} s of {length:.4g} s: {stopped}")
                 early.interrupted = stopped == _CTRL_C
                 warnings.warn(early, stacklevel=2)
             return kept.join()
@@ -311,6 +291,17 @@ _TOO_LONG = "the step is too long for contacts that have become stiffer"
 _UNSOLVED = "an implicit step has no solution, as where contacts that adhere break: scheme: verlet makes it"
 
 
+def _take_laws(springs: Springs, overlap: Array, apart: int = 0) -> Powers | PairLaws:
+    """Return laws as for :class:`PairLaws`, or as powers of one exponent, which are faster, if they are."""
+    exponents = {getattr(one, "exponent", hertz.EXPONENT) for one, _ in springs.groups}
+    if len(exponents) > 1 or not all(isinstance(one, HertzLaw | PowerLaw) for one, _ in springs.groups):
+        return PairLaws(springs, overlap, apart)
+    coefficient = np.empty(len(overlap))
+    for one, at in springs.groups:
+        coefficient[at] = one.coefficient  # type: ignore[attr-defined]  # a power
+    return Powers(exponents.pop(), coefficient, overlap)
+
+
 def _root_radius(radii: Array, i: Index, j: Index) -> Array:
     """Return the root of the radius R of contacts, 1/R = 1/R_i + 1/R_j."""
     return np.asarray(1.0 / np.sqrt(1.0 / radii[i] + 1.0 / radii[j]))
@@ -330,7 +321,7 @@ class _System:
         for one in drives:
             if not isinstance(one, Drive) or (one.displacement is None) == (one.force is None):
                 raise InputError(f"drive is {brief(one)}", mend="Give a Drive with a displacement or a force")
-            balls = read_balls("drive", one.balls, network)
+            balls = index_array("drive", one.balls, network.n_balls)
             along = read_vector("direction", one.direction, network.dimension)
             require_moves("drive", along, network)
             if one.force is not None and not np.all(network.moving[balls]):
@@ -420,9 +411,8 @@ class _System:
         """Return a step for the contacts at the start, and for those that a ball of this kinetic energy, J, would press."""
         normal = self.waves.normal
         e = self.fixed.locate(x, np.zeros(len(self.moved))).e
-        size = float(np.mean(self.network.radii[self.network.moving]))
         # the first of these depths that takes the energy, by bisection
-        depths = 1e-12 * size * 1.25 ** np.arange(201.0)
+        depths = 1e-12 * float(np.mean(self.network.radii[self.network.moving])) * 1.25 ** np.arange(201.0)
         low, high = np.zeros(len(e), np.int16), np.full(len(e), 200 if energy > 0.0 else 0, np.int16)
         while np.any(low < high):
             middle = (low + high) // 2
@@ -546,7 +536,7 @@ class _System:
     def _solve(self, ways: Array, lifts: Array) -> Array:
         """Make an implicit step, whose energies add up, and return what has moved."""
         where, forces, old_at, old, step = self.where, self.forces, self.at, self.touch, self.step
-        guess, size = 2.0 * self.acceleration - self.last, math.inf
+        guess, change = 2.0 * self.acceleration - self.last, math.inf
         for _ in range(_ITERATIONS):
             moved = step * (self.v + 0.5 * step * guess)
             at, touch, spent = self._follow_balls(self.x + moved, ways, False)
@@ -555,8 +545,9 @@ class _System:
                 dash = forces.damp(0.5 * (old.k + touch.k), np.concatenate([(at.e - old.e)[None], where.way]) / step)
                 pull += dash
             found = self._act(at, pull, 0.5 * (self.lifts + lifts), old_at)
-            change, size = float(np.max(np.abs(found - guess))), float(np.max(np.abs(found)))
-            if change <= _SOLVED * max(size, float(np.max(np.abs(self.v))) / step):
+            last, change = change, float(np.max(np.abs(found - guess)))
+            size = max(float(np.max(np.abs(found))), float(np.max(np.abs(self.v))) / step)
+            if change <= _SOLVED * size or last <= change <= _ROUNDED * size:
                 break
             guess = found
         else:

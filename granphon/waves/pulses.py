@@ -24,7 +24,7 @@ from granphon.base.errors import InputError, UnreachableFrequencyError, brief
 from granphon.base.results import Result, read_only
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
-from granphon.base.validation import finite_array, not_negative, one_of, positive, real_array
+from granphon.base.validation import finite_array, index_array, not_negative, one_of, positive, real_array
 from granphon.dynamics.damping import ContactDamping
 from granphon.networks.network import ContactNetwork, number_pieces
 from granphon.waves.modes import require_stable
@@ -714,7 +714,7 @@ class Route:
             plane = course.find_plane(float(np.min(course.places[moving])), "source")
             sources = plane if source == "plane" else plane[:1]
         else:
-            sources = read_balls("source", source, course.network)
+            sources = index_array("source", source, course.network.n_balls)
             if still := [int(one) for one in sources if not moving[one]]:
                 raise InputError(f"ball {still[0]} of the source does not move", "Its mass is infinite")
         at_face = isinstance(source, str) and source == "plane" and not math.isnan(course.face)
@@ -871,16 +871,6 @@ def require_moves(name: str, along: Array, network: ContactNetwork, turns: bool 
         what = f"the {name} is {how} ({shown})" if along.ndim == 1 else f"{name} of ball {ball} are ({shown})"
         allowed = f"{verb} {how} {' and '.join('xyz'[axis] for axis in axes)} only" if axes else f"do not {verb}"
         raise InputError(what, f"Balls {allowed}")
-
-
-def read_balls(name: str, given: Any, network: ContactNetwork) -> Index:
-    """Return the indices (n,) of some balls, each once; raises InputError for others than there are."""
-    balls, count = finite_array(name, given).ravel(), network.n_balls
-    whole = np.all((balls == np.rint(balls)) & (balls >= 0) & (balls < count))
-    if not whole or len(set(balls)) < balls.size:
-        found = brief(np.asarray(given).tolist())
-        raise InputError(f"{name}: found {found}", f"Balls have the indices 0 to {count - 1}", "Give each ball once")
-    return balls.astype(int)
 
 
 def read_push(network: ContactNetwork, along: Array, given: Any) -> Array:

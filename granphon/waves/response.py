@@ -46,19 +46,19 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granphon.array.sparse_matrices import estimate_factors, factorise
+from granphon.array.sparse_matrices import estimate_factors, factorise, share_places
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import ConvergenceError, InputError, brief
 from granphon.base.results import Result
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
 from granphon.base.threads import single_products
-from granphon.base.validation import frequency_array, one_of, positive
+from granphon.base.validation import frequency_array, index_array, one_of, positive
 from granphon.dynamics.damping import ContactDamping
 from granphon.networks.network import ContactNetwork
 from granphon.waves.modes import PIVOT
 from granphon.waves.operator import WaveOperator
-from granphon.waves.pulses import Course, read_balls, read_push, read_vector, require_moves
+from granphon.waves.pulses import Course, read_push, read_vector, require_moves
 
 #: what may be asked for, and its unit
 QUANTITIES = {"displacement": "m/N", "velocity": "m/(N s)", "transmissibility": "1"}
@@ -288,7 +288,7 @@ class _Places:
             if isinstance(one, str) and one == "plane":
                 found, vector = self._find_plane(name, held), read_push(network, self.along, self.polarisation)
             elif isinstance(one, tuple) and len(one) == 2:
-                found, vector = read_balls(name, one[0], network), self._read_direction(one[1])
+                found, vector = index_array(name, one[0], network.n_balls), self._read_direction(one[1])
             else:
                 mend = "Give (ball, direction), (balls, direction), 'plane', or a list of these"
                 raise InputError(f"the {name} is {brief(one)}", mend=mend)
@@ -588,16 +588,17 @@ class _Problem:
         # reduced by top^2; the order of the motions is that of least fill
         place, unit = factorise(operator.matrix / squared + eye_array(operator.size)).perm_c, eye_array(operator.size)
         order = np.argsort(place)
-        losses, times = ((operator.weigh(one) if np.any(one) else None) for one in (self.damping.losses, self.damping.times))
-        given: list[Any] = [operator.matrix, losses, times]
-        parts = [None if one is None else (one / squared)[order][:, order].tocsc() for one in given]
+        lost = [(power, one) for power, one in enumerate((self.damping.losses, self.damping.times)) if np.any(one)]
+        given: list[Any] = [operator.matrix, *(operator.weigh(one) for _, one in lost)]
+        matrix, ones, elastic, *lossy = share_places([unit, *((one / squared)[order][:, order] for one in given)])
         drives = [one[order] / squared for one in self.drives]
         values, error = np.zeros((omega.size, len(self.heard)), complex), np.zeros(omega.size)
         for row, w in enumerate(omega.tolist()):
-            matrix, drive = parts[0] - w**2 / squared * unit, drives[0]
-            for part, more, factor in ((parts[1], drives[1], 1j), (parts[2], drives[2], 1j * w)):
-                if part is not None and factor:
-                    matrix, drive = matrix + factor * part, drive + factor * more
+            entries, drive = elastic - w**2 / squared * ones, drives[0]
+            for part, (power, _) in zip(lossy, lost, strict=True):
+                if factor := 1j * w**power:
+                    entries, drive = entries + factor * part, drive + factor * drives[1 + power]
+            matrix.data = entries
             drive, x, found = drive.astype(matrix.dtype), np.zeros(operator.size, matrix.dtype), values[row]
             try:
                 factors = factorise(matrix, pivot=PIVOT, order="NATURAL")

@@ -26,6 +26,7 @@ from granphon.base.validation import (
     block,
     choice,
     each,
+    finite_list,
     fraction,
     frequencies,
     number,
@@ -234,6 +235,8 @@ class Signal:
     values: tuple[float, ...]
 
     def __post_init__(self) -> None:
+        for name, unit in (("times", "s"), ("values", "")):
+            object.__setattr__(self, name, finite_list(name, getattr(self, name), unit))
         if len(self.times) != len(self.values) or len(self.times) < 2:
             what = f"{len(self.times)} times and {len(self.values)} values"
             raise Refused(what, "two or more times, each with a value")

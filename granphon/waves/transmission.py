@@ -158,7 +158,9 @@ def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:
     Raises :class:`~granphon.base.errors.InputError` for fewer than two lengths, or two samples of a length; for other
     frequencies or numbers of waves; and where nothing is transmitted.
     """
-    if not all(isinstance(one, Transmission) for one in runs) or len({one.amplitudes.shape for one in runs}) != 1:
+    given: Any = runs
+    known = isinstance(given, Sequence) and all(isinstance(one, Transmission) for one in given)
+    if not known or len({one.amplitudes.shape for one in runs}) != 1:
         raise InputError("runs are not transmissions with the same leads", mend="Give results of gp.transmission")
     first = runs[0]
     if any(np.any(one.frequencies != first.frequencies) or np.any(one.modes != first.modes) for one in runs):

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from granphon.base.arrays import Array
 from granphon.base.text import counted
-from granphon.base.validation import whole_number
+from granphon.base.validation import is_one_of, whole_number
 from granphon.dynamics.damping import DampedModes
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.observables.validity import check_network
@@ -280,5 +280,5 @@ class Waves:
             frequency, direction, distance, cycles, polarisation, source=source, ends=ends, damping=damping,
             tangential_damping=tangential_damping, duration=duration, planes=planes, frames=frames,
         )  # fmt: skip
-        found = transmit(self.network, wanted, self._stable_operator if ends == "periodic" else None)
+        found = transmit(self.network, wanted, self._stable_operator if is_one_of(ends, ("periodic",)) else None)
         return replace(found, warnings=(*self.warnings, *found.warnings))

@@ -17,7 +17,7 @@ from granphon.array.geometry import ReducedLoad
 from granphon.array.stencils import Motion, Stencils, dot
 from granphon.balls.lattices import CHAIN, FCC, HCP, KAGOME, SC, TRIANGULAR, Lattice, find_lattice
 from granphon.base.errors import InputError
-from granphon.dynamics.long_waves import bulk_and_shear, point_group, symmetrise
+from granphon.dynamics.elasticity import bulk_and_shear, point_group, symmetrise
 
 ETA = 0.84
 #: fcc in its cube of four balls

@@ -25,7 +25,7 @@ from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.stencils import Motion, Stencils
 from granphon.balls.lattices import BCC, DIAMOND, FCC, HONEYCOMB, KAGOME, SC, SQUARE, TRIANGULAR, Lattice
 from granphon.base.errors import ConvergenceError
-from granphon.dynamics.long_waves import bulk_and_shear
+from granphon.dynamics.elasticity import bulk_and_shear
 from tests.array.test_equilibrium import balls
 from tests.array.test_stencils import Explicit, cartesian
 from tests.conftest import only

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from granphon.array.equilibrium import equilibrate
 from granphon.array.geometry import ReducedLoad
-from granphon.dynamics.long_waves import bulk_and_shear
+from granphon.dynamics.elasticity import bulk_and_shear
 from tests.array.test_equilibrium import at_rest, balls, by_lstsq, differences, moved, newton, symmetries
 from tests.array.test_stencils import ETA, Explicit, every_eta
 

@@ -24,7 +24,7 @@ from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_exactly
 from granphon.balls.contact_table import contact_frames
 from granphon.balls.lattices import FCC, HCP, TRIANGULAR
 from granphon.base.errors import InputError
-from granphon.dynamics.long_waves import bulk_and_shear, voigt_pairs
+from granphon.dynamics.elasticity import bulk_and_shear, voigt_pairs
 from granphon.media.left_out import estimate_shear_deficit
 from granphon.media.loading import find_equilibria, find_equilibrium
 from granphon.media.simulation import SampleLaw, SimulatedState

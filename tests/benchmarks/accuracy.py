@@ -35,7 +35,7 @@ from granphon.array.sample import Sample
 from granphon.balls.diameters import Spread
 from granphon.balls.lattices import find_lattice
 from granphon.balls.loads import Load
-from granphon.dynamics.long_waves import bulk_and_shear, longitudinal_modulus, symmetrise, waves_of_tensor
+from granphon.dynamics.elasticity import bulk_and_shear, longitudinal_modulus, symmetrise, waves_of_tensor
 from granphon.media.accuracy import compute_form_coefficients
 from granphon.media.choice import even_shape
 from granphon.media.simulation import SimulatedState

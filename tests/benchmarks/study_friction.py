@@ -37,7 +37,7 @@ from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.stencils import Stencils
 from granphon.array.true_equilibrium import equilibrate_exactly
 from granphon.base.errors import ConvergenceError
-from granphon.dynamics.long_waves import bulk_and_shear
+from granphon.dynamics.elasticity import bulk_and_shear
 from granphon.figures.style import BLUE, DPI, GREEN, GUIDE, PAGE_WIDTH, SKY_BLUE, STYLE, VERMILION, save_figure
 
 if TYPE_CHECKING:

@@ -26,8 +26,8 @@ from granphon.array.true_equilibrium import equilibrate_exactly
 from granphon.balls.lattices import FCC, HCP, TRIANGULAR, Lattice
 from granphon.balls.loads import Load
 from granphon.base.threads import count_processors
+from granphon.dynamics.elasticity import bulk_and_shear
 from granphon.dynamics.local_field import local_field
-from granphon.dynamics.long_waves import bulk_and_shear
 from granphon.laws.cluster import VALID_FORCE, cluster_curve
 from granphon.laws.effective import effective_curve
 from granphon.media.simulation import SimulatedState

@@ -21,7 +21,7 @@ from granphon.array.equilibrium import equilibrate
 from granphon.array.geometry import ReducedLoad
 from granphon.array.stencils import Stencils
 from granphon.balls.lattices import Lattice, find_lattice
-from granphon.dynamics.long_waves import bulk_and_shear
+from granphon.dynamics.elasticity import bulk_and_shear
 
 Array = NDArray[np.float64]
 #: cells along each axis, and samples

@@ -343,7 +343,7 @@ NOISY = EXACT["ema"] + 4.0 * np.random.default_rng(11).normal(size=12)
         ({"parameters": ("width", "young_modulu")}, "Did you mean young_modulus"),
         ({"parameters": ()}, "Give one or more"),
         ({"parameters": ("width", "width")}, "at most once"),
-        ({"branch": "L"}, "unknown branch 'L'"),
+        ({"branch": "L"}, "branch: found 'L'; allowed: longitudinal"),
         ({"direction": (0.0, 0.0)}, "direction"),
         ({"medium": "eam"}, r"found 'eam'; .*'ema'"),
         ({"medium": "ala"}, "in the medium 'ala' sound does not depend on the width"),

@@ -834,7 +834,7 @@ ERRORS = {
     "vector": (lambda: SQUARE.cut(1, 3, "floor").at_pressure(1.0, gravity=-G), "gravity has the shape"),
     "axis": (lambda: SQUARE.cut(2, 3), "axis is 2. Give the number of a vector of the cell, 0 to 1"),
     "edges": (lambda: SQUARE.cut(0, 3, "glued"), "edges: found 'glued'; allowed: free, clamped, floor"),
-    "index": (lambda: SQUARE.replace(1, S), "1 is not the number of a ball"),
+    "index": (lambda: SQUARE.replace(1, S), "indices of balls, 0 to 0, each once"),
     "size": (lambda: SQUARE.replace(0, S), "Its neighbours would overlap or miss it"),
     "last": (lambda: SQUARE.remove(0), "no ball is left"),
     "hanging": (lambda: gp.Crystal.on("chain", [PLAIN]).repeat((4,)).remove(1), "falls into pieces"),

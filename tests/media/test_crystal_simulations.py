@@ -15,7 +15,7 @@ import granphon as gp
 from granphon.balls.lattices import LATTICES, Lattice, one_direction
 from granphon.base.errors import InputError, SceneError
 from granphon.base.text import parse_yaml
-from granphon.dynamics.long_waves import has_cubic_axes
+from granphon.dynamics.elasticity import has_cubic_axes
 from granphon.fits.velocity_model import VelocityModel, Waves
 from granphon.media.choice import MediumChoice
 from granphon.observables.velocities import Moduli

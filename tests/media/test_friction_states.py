@@ -22,7 +22,7 @@ from granphon.array.stencils import Stencils
 from granphon.array.stepper import Stepper
 from granphon.balls.loads import Load
 from granphon.base.errors import ConvergenceError, InputError, MechanismError, SceneError
-from granphon.dynamics.long_waves import symmetrise
+from granphon.dynamics.elasticity import symmetrise
 from granphon.figures.bands import bands_figure
 from granphon.figures.curves import describe_lines, sweep_figure
 from granphon.media.choice import MediumChoice

@@ -23,7 +23,7 @@ from granphon.array.geometry import ReducedLoad
 from granphon.array.sample import STEP
 from granphon.balls.loads import Load
 from granphon.base.errors import InputError
-from granphon.dynamics.long_waves import bulk_and_shear
+from granphon.dynamics.elasticity import bulk_and_shear
 from granphon.media.simulation import SampleLaw, SimulatedState
 
 WIDTH, D = 2.04e-6, 8e-3

@@ -256,7 +256,7 @@ def test_samples_of_a_simulation_move_and_are_averaged(tmp_path):
     [
         ("{balls: 2}", "balls alone; allowed: exactly one of impact, shaker, force, displacement"),
         ("{balls: 2, impact: 1 m/s, force: push.csv}", "impact and force"),
-        ("{balls: 99, impact: 1 m/s}", "Balls have the indices 0 to 20"),
+        ("{balls: 99, impact: 1 m/s}", "indices of balls, 0 to 20, each once"),
         ("{balls: lower, impact: 1 m/s}", "an impact on a body that is held"),
         ("{balls: lower, force: {time: [0 s, 1 us], force: [0 N, 1 N]}}", "a force acts on a body that is held"),
         (

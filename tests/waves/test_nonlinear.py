@@ -160,6 +160,15 @@ def test_amplitude_shift_of_a_plane_in_time():
     assert_allclose((out[1] - out[0]) / 0.04**2, wanted, rtol=0.05)
 
 
+@pytest.mark.claim("amplitude-shift")
+def test_amplitude_shift_of_balls_that_go_in_circles():
+    """At K of a honeycomb of unlike balls one kind alone moves, in circles of radius A: -1/64, and 1/192 by 2 omega."""
+    kinds = [gp.Ball(STEEL, D, name="A"), gp.Ball(STEEL, D, name="B", mass=1e-3)]
+    state = gp.Crystal.on("honeycomb", kinds, friction=False).at_force(10.0)
+    for branch in (1, 2):
+        assert_allclose(gp.amplitude_shift(state, [1 / 3, 1 / 3], branch), -1.0 / 96.0, rtol=1e-10)
+
+
 def test_no_contact_is_stretched_out_of_the_plane():
     assert gp.amplitude_shift(bulk("triangular", "out_of_plane"), [0.2, 0.1], 2) == 0.0
 
@@ -318,17 +327,46 @@ def test_a_small_pulse_is_the_one_that_is_transmitted():
     assert differ[0] / differ[1] == pytest.approx(4.0, rel=0.1)
 
 
+TABLE = np.geomspace(1e-9, 1e-5, 9)
+
+
+@pytest.mark.parametrize(
+    "law", [gp.Hertz(), gp.PowerLaw(2.0, 1e13), gp.TabulatedLaw(TABLE, 1e10 * TABLE**1.5), gp.DMT(0.5), gp.JKR(0.5)]
+)
+@pytest.mark.parametrize("share", [1e-6, 1e-3, 0.1])
+def test_energies_of_motions_much_smaller_than_overlaps(law, share):
+    """They are no differences of large ones; and steps of the midpoint scheme, as long as those of the other, find them."""
+    chain = gp.Crystal.on("chain", [gp.Ball(STEEL, D)], law=law, motions="longitudinal")
+    waves = gp.NonlinearWaves(chain.cut(0, 5, edges=("clamped", "free")).at_overlap(1e-7))
+    own = math.sqrt(waves.network.normal_stiffness[0] / waves.network.masses[-1])
+    velocities = push(waves.network, share * 1e-7 * own, 2)
+    found = waves.run(20.0 / own, velocities=velocities, frames=11, scheme="midpoint")
+    assert_allclose(found.energy, found.energy[0], rtol=1e-9 / share**0.5)
+    assert 0.5 * found.step < waves.run(20.0 / own, velocities=velocities, frames=11).step
+
+
 def test_an_implicit_step_without_a_solution_ends_the_motion():
-    """Where a contact that adheres breaks slowly, its force falls to zero within a step; explicit steps go on."""
-    glass = gp.Ball(gp.Material(70e9, 0.22, 2500.0), 1e-5)
-    waves = gp.NonlinearWaves(gp.Crystal.on("chain", [glass], law=gp.JKR(0.05)).cut(0, 2))
-    apart = push(waves.network, 0.00625, 1) - push(waves.network, 0.00625, 0)
+    """Where a contact that adheres just breaks, its force falls to zero within a step; explicit steps go on.
+
+    Balls that are half as fast, or a little faster, make no such step.
+    """
+    glass, law = gp.Ball(gp.Material(70e9, 0.22, 2500.0), 1e-5), gp.JKR(0.05)
+    waves, own = gp.NonlinearWaves(gp.Crystal.on("chain", [glass], law=law).cut(0, 2)), law.between(glass, glass)
+    speed = math.sqrt((own.energy(own.least_overlap) - own.energy(waves.overlap[0])) / glass.mass)
+
+    def part(share, **options):
+        apart = push(waves.network, share * speed, 1) - push(waves.network, share * speed, 0)
+        return waves.run(4e-7, velocities=apart, frames=41, step=2e-9, **options)
+
     with pytest.warns(StoppedEarlyWarning, match="an implicit step has no solution"):
-        early = waves.run(1e-7, velocities=apart, frames=11, scheme="midpoint", step=2e-9)
-    assert 0.0 < early.times[-1] < 1e-7
-    whole = waves.run(1e-7, velocities=apart, frames=11, step=2e-9)
-    assert_allclose(whole.times[-1], 1e-7, rtol=1e-12)
+        early = part(1.0001, scheme="midpoint")
+    assert 0.0 < early.times[-1] < 4e-7
+    whole = part(1.0001)
+    assert_allclose(whole.times[-1], 4e-7, rtol=1e-12)
     assert_allclose(whole.displacements[1], early.displacements[1], rtol=0.02)
+    for share in (0.55, 1.0005):
+        found = part(share, scheme="midpoint")
+        assert_allclose(found.energy, found.energy[0], rtol=1e-11)
 
 
 # -- refusals ---------------------------------------------------------------------------------------------------------

@@ -147,6 +147,31 @@ def test_balls_that_meet():
     assert_allclose(motion.arrivals(1e-3)[2], 0.01 * D / 2.0, rtol=0.02)
 
 
+TABLE = gp.TabulatedLaw([1e-8, 1e-5], [1e-3, 1e3])
+
+
+@pytest.mark.parametrize(
+    ("law", "given"), [(gp.PowerLaw(2.0, 1e13), False), (gp.DMT(1e-6), False), (TABLE, False), (TABLE, True)]
+)
+def test_balls_that_meet_have_their_own_law(law, given):
+    """Not that of the contacts of the crystal, nor that of the crystal where another is given: its energy is (m/4) v^2."""
+    kinds = [gp.Ball(STEEL, D, name=name) for name in "ABC"]
+    laws = {("A", "B"): gp.Hertz(), ("B", "C"): gp.Hertz(), ("A", "C"): law}
+    chain = gp.Crystal(kinds, [], D * np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]), law=gp.Hertz() if given else laws)
+    waves = gp.NonlinearWaves(chain.touch() if given else chain, law if given else None, geometry="exact")
+    highest = waves.run(0.03 * D / 2.0, **meeting()[1], frames=1201).peaks()[1][2]
+    pair = law.between(kinds[0], kinds[2])
+    assert_allclose(pair.energy(pair.overlap(highest)), 0.25 * MASS * 2.0**2, rtol=1e-3)
+
+
+def test_contacts_that_carry_nothing_at_rest_do_not_push_there():
+    """Balls on each other under their weight touch those beside them, which no force holds apart."""
+    block = gp.Crystal.on("square", [BALL]).cut(1, 3, edges=("floor", "free")).repeat((2,))
+    waves = gp.NonlinearWaves(block.at_pressure(0.0, gravity=(0.0, -9.81)), geometry="exact")
+    motion = waves.run(1e-4, frames=3)
+    assert_allclose(motion.forces, np.broadcast_to(waves.network.normal_force, motion.forces.shape), rtol=1e-12)
+
+
 @pytest.mark.parametrize("geometry", ["lattice", "exact"])
 def test_a_ball_settles_into_a_floor_by_its_weight(geometry):
     """From touch it sinks to (5 m g/2c)^(2/3), and comes back."""

@@ -477,7 +477,7 @@ def test_driven_array_of_lammps_has_the_amplitude_and_the_phase():
         ({"source": (3, "x"), "quantity": "transmissibility"}, "ball 3 of the source moves"),
         ({"receiver": []}, "there is no receiver"),
         ({"source": []}, "there is no source"),
-        ({"source": (9, "x")}, "Balls have the indices 0 to 5"),
+        ({"source": (9, "x")}, "indices of balls, 0 to 5, each once"),
         ({"source": (3, "y")}, "Balls move along x only"),
         ({"source": 3}, "the source is 3"),
         ({"source": (3, "r")}, "Use x, y, z, or a vector"),
