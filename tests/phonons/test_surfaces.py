@@ -280,6 +280,28 @@ def test_the_zak_phase_counts_the_states_at_the_end_of_a_chain():
     assert_allclose(gp.Surface(balls("triangular"), 1, "clamped").zak_phase(np.linspace(0.2, 0.4, 21)[:, None]), 0.0)
 
 
+@pytest.mark.parametrize("finite_overlap", [False, True])
+def test_the_zak_phase_is_that_of_the_motions_under_static_forces_too(finite_overlap):
+    light, heavy = (gp.Ball(gp.Material(70e9, 0.33, density), 8e-3) for density in (2700.0, 12000.0))
+    crystal = gp.Crystal.on("triangular", [light]).repeat((1, 3)).replace(1, heavy).replace(2, gp.Ball(BALL.material, 8e-3))
+    surface = gp.Surface(crystal.at_overlap(4e-4, finite_overlap=finite_overlap), 1, "clamped")
+    assert surface.network.prestress == finite_overlap
+    _, inner, hop = (one[0] for one in surface.half_space.blocks(np.array([[0.2]])))
+    below, turns = 6, np.exp(2j * np.pi * np.arange(256) / 256)[:, None, None]
+    _, vectors = np.linalg.eigh(inner + turns * hop + turns.conj() * hop.conj().T)
+    above = vectors[:, :, below:]
+    steps = np.linalg.det(above.conj().swapaxes(1, 2) @ np.roll(above, -1, axis=0))
+    expected = -np.angle(np.prod(steps / np.abs(steps))) % (2.0 * np.pi)
+    assert_allclose(surface.zak_phase([[0.2]], below), expected, atol=1e-9)
+    assert 0.1 < expected < 6.2
+
+
+def pressed_square():
+    """Equal balls under static forces that act."""
+    packing = gp.Packing(BALL.material, 8e-3, lattice="square", friction=True)
+    return gp.AveragedLattice(packing).at_overlap(1e-6, finite_overlap=True)
+
+
 def listed_size(network, axis):
     """Motions of the outer layers, as many as contacts reach across."""
     return gp.Surface(network, axis).half_space.size
@@ -339,6 +361,7 @@ def test_the_winding_counts_the_motions_at_the_edges_that_cost_nothing(axis):
         (lambda: gp.Surface(bulk("triangular"), 0).winding([[0.1]]), "6 deformations of contacts and 3 motions"),
         (lambda: gp.Surface(bulk("honeycomb"), 0).winding([[0.1]]), "det C vanishes"),
         (lambda: gp.Surface(bulk("triangular"), 1).zak_phase([[0.0]]), "gap above the 1 lowest branches closes"),
+        (lambda: gp.Surface(pressed_square(), 0).zak_phase([[0.1]]), "static forces act at the free edge"),
         (lambda: gp.Surface(bulk("square"), 0).spectrum([[0.1]], [1.0]), "one frequency"),
         (lambda: gp.Surface(bulk("square"), 0).spectrum([[0.1]], [-1.0, 1.0]), "frequencies"),
     ],
