@@ -292,9 +292,9 @@ class HalfSpace:
         """
         own, inner, hop = self.blocks(q)
         size = self.size
-        up, none = hop.conj().swapaxes(1, 2), np.zeros_like(hop)
-        change = np.block([[none, -hop], [-up, own - inner]])
-        block, across = np.block([[inner, hop], [up, inner]]), np.block([[none, none], [hop, none]])
+        back, none = hop.conj().swapaxes(1, 2), np.zeros_like(hop)
+        change = np.block([[none, -hop], [-back, own - inner]])
+        block, across = np.block([[inner, hop], [back, inner]]), np.block([[none, none], [hop, none]])
         strength, basis = np.linalg.eigh(change)
         signs = np.where(strength < 0.0, -1.0, 1.0)
         root = basis * np.sqrt(np.abs(strength))[:, None]
@@ -538,8 +538,8 @@ class HalfSpace:
 
         grid = np.linspace(-1.4, 1.4, 281)
         at = float(grid[np.argmin(slowest(grid))])
-        near, fine = (at - 0.01, at + 0.01), {"xatol": 1e-12}
-        limit = float(minimize_scalar(slowest, bounds=near, method="bounded", options=fine).fun)
+        near = (at - 0.01, at + 0.01)
+        limit = float(minimize_scalar(slowest, bounds=near, method="bounded", options={"xatol": 1e-12}).fun)
         ends = 1e-3 * limit, (1.0 - 1e-9) * limit
         if not impedance(ends[0]) * impedance(ends[1]) < 0.0:
             raise GranphonError("no long wave runs along this edge", mend="Choose another direction")
