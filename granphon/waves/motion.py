@@ -13,12 +13,13 @@ from typing import Annotated, Any, BinaryIO, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.balls.lattices import one_direction
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, OutputError, brief
 from granphon.base.records import RecordFile, hold, read_records
 from granphon.base.results import Result, plain
 from granphon.base.staging import explaining, put_beside
-from granphon.base.validation import number, one_of, positive, require, whole_number
+from granphon.base.validation import index_array, number, one_of, positive, require, whole_number
 from granphon.networks.network import ContactNetwork
 
 #: what a file of a motion says about itself
@@ -169,23 +170,20 @@ class Motion(Result):
         last. Raises :class:`~granphon.base.errors.InputError` for fewer than two contacts, for contacts that it does not
         reach one after another, and for a ``share`` of a peak.
         """
-        at = np.asarray(contacts)
-        if at.ndim != 1 or at.size < 2 or at.dtype.kind not in "iu" or np.any((at < 0) | (at >= self.forces.shape[1])):
-            what = f"contacts are {brief(contacts)}"
-            raise InputError(what, mend=f"Give two or more of the numbers 0 to {self.forces.shape[1] - 1}")
+        at = index_array("contacts", contacts, self.forces.shape[1], "contacts")
+        if at.size < 2:
+            raise InputError(f"contacts are {brief(contacts)}", mend="Give two or more")
         if one_of("of", of, ("peak", "front")) == "peak" and share is not None:
             raise InputError(f"share is {brief(share)}, and a peak has none", mend='Give of="front" too')
         places = self.middles[at] - self.middles[at[0]]
-        along = places[-1] if direction is None else np.asarray(direction, float)
-        if direction is None and not np.any(along):
+        if direction is None and not np.any(places[-1]):
             raise InputError(f"contacts {brief(contacts)} begin and end at one place", mend="Give contacts along a way")
-        if along.shape != (3,) or not 0.0 < (size := float(np.linalg.norm(along))) < np.inf:
-            raise InputError(f"direction is {brief(direction)}", mend="Give three numbers, not all zero")
+        along = one_direction(places[-1] if direction is None else direction, 3)
         times = (self.peaks()[0] if of == "peak" else self.arrivals(0.5 if share is None else share))[at]
         spread = times - np.mean(times)
         if not np.all(np.isfinite(times)) or not np.any(spread):
             raise InputError("the pulse does not pass these contacts one after another", mend="Run for longer")
-        return float(spread @ (places @ along / size) / (spread @ spread))
+        return float(spread @ (places @ along) / (spread @ spread))
 
     def spectrum(self, ball: int, axis: int = 0) -> tuple[Array, Array]:
         """Return frequencies, Hz, and amplitudes, m, of the displacement of a ball along an ``axis``, each (n_f//2 + 1,).

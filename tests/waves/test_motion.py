@@ -82,11 +82,11 @@ def test_a_spectrum_and_harmonics_of_a_steady_motion():
 @pytest.mark.parametrize(
     ("ask", "words"),
     [
-        (lambda m: m.pulse_velocity([0]), "contacts are"), (lambda m: m.pulse_velocity([0, 99]), "contacts are"),
+        (lambda m: m.pulse_velocity([0]), "contacts are"), (lambda m: m.pulse_velocity([0, 99]), "indices of contacts"),
         (lambda m: m.pulse_velocity([0, 1], of="foot"), "of: found"), (lambda m: m.pulse_velocity([0, 1]), "does not pass"),
         (lambda m: m.pulse_velocity([0, 1], direction=(0, 0, 0)), "direction"), (lambda m: m.arrivals(0.0), "share"),
         (lambda m: m.pulse_velocity([0, 1], share=0.5), "a peak has none"),
-        (lambda m: m.pulse_velocity([1, 1]), "begin and end at one place"),
+        (lambda m: m.pulse_velocity([1, 1]), "each once"),
         (lambda m: m.spectrum(99), "ball"), (lambda m: m.harmonics(1.0), "periods in the run"),
         (lambda m: m.harmonics(300.0), "frames are in a period"), (lambda m: late(m, 50).harmonics(20.0), "in the run"),
         (lambda m: late(m, 3).spectrum(0), "3 frames have no spectrum"), (lambda m: late(m, 1).harmonics(1.0), "0 frames"),
