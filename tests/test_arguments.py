@@ -73,6 +73,17 @@ CALLS: dict[str, tuple[Callable[[], Callable[..., Any]], dict[str, Any]]] = {
     "transmit": (lambda: partial(gp.Waves(bulk("triangular").repeat((4, 3))).transmit, 5e3), {
         "direction": [1, 0], "distance": 0.016, "source": "plane", "ends": "free",
     }),
+    "NonlinearWaves": (lambda: gp.NonlinearWaves, {
+        "x": at_rest(), "law": None, "damping": 0.0, "friction_coefficient": 0.3, "gravity": None, "geometry": "lattice",
+    }),
+    "run": (lambda: partial(gp.NonlinearWaves(bulk("chain").repeat((4,))).run, 1e-5), {
+        "velocities": np.zeros((4, 1)), "frames": 2, "step": None, "scheme": "verlet",
+    }),
+    "fit_damping": (lambda: gp.fit_damping, {
+        "x": None, "measured": gp.TransferFunction([1.0, 2.0], [1.0, 2.0]), "source": (0, "x"), "receiver": (1, "x"),
+    }),
+    "BallContacts": (lambda: gp.BallContacts, {"balls": {"A": STEEL}, "law": None}),
+    "complex_bands": (lambda: gp.Phonons(at_rest()).complex_bands, {"frequencies": [1e3], "axis": 0}),
     "Signal": (lambda: gp.Signal, {"times": (0.0, 1.0), "values": (0.0, 1.0)}),
     "TabulatedLaw": (lambda: gp.TabulatedLaw, {"overlap": [0, 1e-6, 2e-6], "force": [0, 1.0, 3.0]}),
     "force_distribution": (lambda: sample().force_distribution, {"bins": 10, "largest": 5.0, "least": 0.0}),

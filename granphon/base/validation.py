@@ -282,12 +282,12 @@ def finite_numbers(values: Any, unit: str = "", low: str = "") -> NDArray[np.flo
     raise Refused(found, " ".join(filter(None, ("one or more finite numbers", low))) + (unit and f", {unit}"))
 
 
-def indices(values: Any, count: int) -> NDArray[np.intp]:
-    """The index of a ball, or indices of several, as (n,): of ``count`` balls, each once."""
+def indices(values: Any, count: int, what: str = "balls") -> NDArray[np.intp]:
+    """An index, or several, as (n,): of ``count`` balls, or of others, each once."""
     found = finite_numbers(values)
     plain = found.ndim < 2 and np.all((found == np.rint(found)) & (found >= 0) & (found < count))
     if not plain or np.unique(found).size < found.size:
-        raise Refused(brief(values), f"indices of balls, 0 to {count - 1}, each once")
+        raise Refused(brief(values), f"indices of {what}, 0 to {count - 1}, each once")
     return np.atleast_1d(found).astype(np.intp)
 
 
@@ -356,7 +356,7 @@ def _named(rule: Callable[Concatenate[Any, Options], Value]) -> Callable[Concate
 real_array = _named(real_numbers)
 #: an array of one or more finite numbers in an SI unit
 finite_array = _named(finite_numbers)
-#: indices of balls, each once
+#: indices, each once
 index_array = _named(indices)
 #: a word among the options
 one_of = _named(choice)

@@ -175,6 +175,8 @@ def _sort_senses(
     while left.size:
         group = left[np.abs(factors[left] - factors[left[0]]) < _TOGETHER]
         left = np.setdiff1d(left, group)
+        if group.size > len(vectors):
+            raise PrecisionError(_ALIKE_WAVES, "Near zero waves of both senses are one", "Give a higher frequency")
         basis, phase = np.linalg.qr(vectors[:, group])[0], factors[group[0]] ** reach
         form = basis.conj().T @ (1j * (phase * up - down / phase)) @ basis
         flux[group], turned = np.linalg.eigh(0.5 * (form + form.conj().T))

@@ -26,6 +26,7 @@ from granphon.base.results import Result
 from granphon.base.tables import Table
 from granphon.base.text import suggest
 from granphon.base.validation import finite_list, texts
+from granphon.dynamics.damping import ContactDamping
 from granphon.fits.fit import LARGE_ERROR, SAME_EFFECT, Fitted, WidthFit, judge_residuals
 from granphon.fits.velocity_model import require_fitted
 from granphon.networks.network import ContactNetwork, given_network
@@ -291,6 +292,7 @@ def fit_damping(
     if {"stiffness", "load"} <= set(names) and not network.prestress:
         why = "Without prestress a load does no more than scale stiffnesses"
         raise InputError("the data cannot tell stiffness and load apart", why, "Fit one of them")
+    ContactDamping.of(network, damping, loss_factor)
     pairs = [one if isinstance(one, tuple) else (one, one) for one in (damping, loss_factor)]
     places = {
         "source": source, "receiver": receiver, "quantity": quantity, "direction": direction, "polarisation": polarisation,

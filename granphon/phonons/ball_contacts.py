@@ -79,9 +79,14 @@ class BallContacts(ContactCalculator):
 
     def __init__(self, balls: Mapping[str, Ball | Material], law: Any = None, friction: bool = True) -> None:
         super().__init__()
-        if not balls or not all(isinstance(one, Ball | Material) for one in balls.values()):
+        given: Any = balls
+        if (
+            not isinstance(given, Mapping)
+            or not given
+            or not all(isinstance(one, Ball | Material) for one in given.values())
+        ):
             mend = 'Give a granphon.Ball or Material for each kind, as {"Na": ball}'
-            raise InputError(f"the balls are {brief(dict(balls))}", mend=mend)
+            raise InputError(f"the balls are {brief(given)}", mend=mend)
         self.balls, self.friction = dict(balls), friction
         self._law = read_laws(law)
         self._known = dict[tuple[str, float, str, float], tuple[PairLaw, float]]()

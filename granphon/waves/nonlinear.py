@@ -123,8 +123,8 @@ class NonlinearWaves:
             why = "Contacts keep their directions in this motion, and static forces would turn them"
             raise InputError("static forces act sideways in this network", why, 'Give geometry="exact"')
         self.normal = self._find_laws(law, state if isinstance(state, CrystalState) else None, isinstance(x, Crystal))
-        mu = friction_coefficient
-        self.mu = mu if mu == math.inf else not_negative("friction_coefficient", mu)
+        mu = real_number(friction_coefficient)
+        self.mu = mu if mu == math.inf else not_negative("friction_coefficient", friction_coefficient)
         self.damping = ContactDamping.of(network, damping).times
         field = np.zeros(3)
         if gravity is not None:
@@ -218,7 +218,7 @@ class NonlinearWaves:
         displaces, and a ``step`` too long for the stiffest contact; and
         :class:`~granphon.base.errors.OutputError` where ``file`` is something else than a motion, or cannot be written.
         """
-        length, count = positive("duration", duration, "s"), whole_number("frames", frames, 2)
+        length, count = positive("duration", duration, "s"), whole_number("frames", frames, 2, _MOST_STEPS)
         one_of("scheme", scheme, SCHEMES)
         if positions is not None:
             if displacements is not None:
@@ -238,6 +238,7 @@ class NonlinearWaves:
             raise InputError(what, "It would not be stable", "Leave step out")
         least = wanted * 2.0**-_HALVINGS
         while True:
+            require_steps(length / wanted)  # which may be infinite
             each = max(1, math.ceil(length / (count - 1) / wanted))
             require_steps(each * (count - 1))
             exact, stopped = length / (count - 1) / each, ""
@@ -274,7 +275,7 @@ class NonlinearWaves:
             raise InputError(what, mend=f"Give ({n}, 3) finite numbers, one row for each ball")
 
 
-def require_steps(count: int) -> None:
+def require_steps(count: float) -> None:
     """Raise :class:`~granphon.base.errors.InputError` for more steps than are made."""
     if count > _MOST_STEPS:
         mend = "Give a shorter duration, fewer frames, a longer step, or less damping"

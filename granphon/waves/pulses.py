@@ -816,13 +816,14 @@ def transmit(network: ContactNetwork, wanted: PulseSource, operator: WaveOperato
         if squared > top * (1.0 + 1e-6):
             raise _explain_unreachable(burst.frequency, f"{math.sqrt(top) / (2.0 * math.pi):.6g} Hz")
     damped = ContactDamping.of(course.network, (tau, across))
-    _require_short(operator, route.last, float(np.max(damped.times)), across != tau)
+    even = damped.find_even(course.network) is not None
+    _require_short(operator, route.last, float(np.max(damped.times)), not even)
     axes, root, receivers = list(operator.motions.translations), 1.0 / np.sqrt(course.network.masses), np.concatenate(groups)
     e, forces = push[axes], np.zeros(operator.size)
     forces[operator.places[sources, : e.size]] = e * root[sources, None]
     heard = operator.places[receivers, : e.size]
     propagation = (
-        Propagation(operator, forces, burst, route.last, tau) if across == tau
+        Propagation(operator, forces, burst, route.last, tau) if even
         else ViscousPropagation(operator, forces, burst, damped)
     )  # fmt: skip
     signals, displaced, moving = propagation.follow(
@@ -917,8 +918,7 @@ def _require_short(operator: WaveOperator, duration: float, damping: float = 0.0
         what = f"a damping of {tau} takes {viscous:.3g} products with the matrix of the network"
         why = "Different dampings are propagated in steps of the most damped motion"
         raise InputError(what, why, "Give less, or one for both")
-    products = 0.5 * operator.top * duration
-    if products > _MOST:
+    if (products := 0.5 * operator.top * duration) > _MOST:
         record, longest = (write_quantity(one, "s", 3) for one in (duration, 2.0 * _MOST / operator.top))
         what = f"a record of {record} takes {products:.3g} products with the matrix of the network"
         why = f"Its frequencies go up to {top}, and {_MOST:,} products reach {longest}"

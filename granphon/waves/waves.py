@@ -257,8 +257,8 @@ class Waves:
             direction, such as one between walls of its own, is left as it is.
         damping : s, the viscosity of each contact over its stiffness: a mode of the angular frequency omega decays as
             exp(-damping omega^2 t/2).
-        tangential_damping : s, the same of slip, twist and rolling, if it is another than that of normal motion. Modes then
-            exchange energy, and the propagation takes several times as long.
+        tangential_damping : s, the same of slip, twist and rolling, if it is another than that of normal motion. Then, as
+            with static forces, modes exchange energy, and the propagation takes several times as long.
         duration : s, of the record. By default that of the burst and three times that of a wave in which balls move in
             proportion, which is the fastest; in a periodic network it ends before that wave comes round the other way, and
             must hold the burst and its flight. With another duration the signals are right too, but may not be of one pulse.

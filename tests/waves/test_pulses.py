@@ -186,6 +186,18 @@ def test_signals_and_states_are_those_of_another_integrator(disordered, damping)
         assert abs(pulse.loss) < 1e-9
 
 
+def test_static_forces_have_no_dashpots(disordered):
+    """Where they act, damping alike in all motions of a contact is that of its springs, not of the whole of D."""
+    pressed = replace(disordered, normal_force=1e-3 * D * disordered.normal_stiffness, prestress=True)
+    waves, burst, tau = gp.Waves(pressed), ToneBurst(0.5 * HERTZ, 2.0), 0.2 / OMEGA
+    pulse = waves.transmit(0.5 * HERTZ, (0, 1), 4.0 * D, 2, ends="periodic", damping=tau, duration=25.0 / OMEGA)
+    few = np.arange(0, pulse.times.size, 7)
+    springs = WaveOperator(disordered).matrix
+    _, moving = integrate(waves, pulse, burst, tau * springs, pulse.times[few])
+    heard = moving.reshape(-1, 3, few.size)[pulse.receivers, 1] / np.sqrt(UNITS.mass)
+    np.testing.assert_allclose(pulse.signals[:, few], heard, atol=1e-9 * np.max(np.abs(pulse.signals)))
+
+
 def test_source_and_receiver_may_be_exchanged(disordered):
     waves = gp.Waves(disordered)
     there = waves.transmit(
