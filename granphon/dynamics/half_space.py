@@ -20,6 +20,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 
 from granphon.base.arrays import Array, Complex, Index
@@ -68,15 +69,19 @@ _NEWTON_STEPS = 12
 _NEWTON_TOLERANCE = 1e-8
 #: phases from layer to layer at which Zak phases and windings are summed
 _WINDING_PHASES = 256
-#: determinant, over the product of the norms of its rows, that counts as zero
+#: determinant, over the product of the norms of its rows, and gap in w, over the highest w, that count as zero
 _SINGULAR = 1e-12
+#: least overlap of branches from one phase to the next at which their gap counts as open
+_OPEN = 0.5
+#: phase that is zero but for rounding, rad
+_NO_PHASE = 1e-9
 #: -w, over the highest w, at which edge motions without energy are told from others
 _FREE_SHIFT = 1e-10
 #: part of the energy of such a motion in the top layer, at least
 _FREE_TOP_PART = 1e-3
-#: nodes of the polynomial that continues S into the complex plane, over their spacing
-_NODES = np.arange(-3.0, 4.0)
-#: last coefficient of this polynomial, over the linear one, below which it has converged
+#: nodes of the polynomial that continues S into the complex plane, and their reach over the half width at first
+_NODES, _REACH = np.cos(np.pi * (np.arange(15) + 0.5) / 15), 2.0
+#: shift of a root by the last term of this polynomial, over its half width, below which it has converged
 _TAIL = 1e-5
 #: half width over frequency up to which a resonance counts as a leaky wave
 _MOST_WIDTH = 0.05
@@ -117,9 +122,8 @@ class HalfSpace:
         if cut.prestress:
             if cut.tangential_force is not None and np.any(cut.tangential_force):
                 raise InputError("the network has static tangential forces", "With prestress, they have no potential")
-            rows_across = push_rows(cut.normal[:, :d], self.motions)
-            rows += rows_across
-            stiff += [-cut.normal_force / cut.distance / units.stiffness] * len(rows_across)
+            rows += (pushes := push_rows(cut.normal[:, :d], self.motions))
+            stiff += [-cut.normal_force / cut.distance / units.stiffness] * len(pushes)
         # C(q) is the sum over steps s along the edge of C_s exp(i q.s): tails are at s = 0. Kept are the contacts that reach
         # into the two outer blocks, which are those of three
         number = np.where(moving, np.cumsum(moving) - 1, np.count_nonzero(moving))
@@ -181,8 +185,7 @@ class HalfSpace:
     def wavenumbers(self, factors: Complex, q: Array) -> Complex:
         """Return wave numbers across the edge, 1/m, of motions that change by ``factors`` from layer to layer.
 
-        The wave vector along the edge is q (p - 1,).
-        Their real parts are within half of the period 2 pi over the height of a layer.
+        Real parts are within half of the period 2 pi over a layer's height. The wave vector along the edge is q (p - 1,).
         """
         p = len(q)
         beside = np.linalg.solve(self.layers.cell[:, :p].T, self.layers.stack[:p]) @ q
@@ -219,8 +222,7 @@ class HalfSpace:
                 bulk[left] += through + back
                 pair = np.concatenate([met[:, :size, :size], met[:, size:, size:]], axis=1)
                 going = np.max(np.abs(through) + np.abs(back), axis=(1, 2)) > _COUPLING_TOLERANCE * self.highest
-                if not np.all(going):
-                    left, pair = left[going], pair[going]
+                left, pair = left[going], pair[going]
                 if not left.size:
                     break
             out[:, part] = here - top, here - bulk
@@ -290,13 +292,9 @@ class HalfSpace:
         """
         own, inner, hop = self.blocks(q)
         size = self.size
-        change, block, across = (np.zeros((len(q), 2 * size, 2 * size), complex) for _ in range(3))
-        for one in (change, block):
-            sign = -1.0 if one is change else 1.0
-            one[:, :size, size:], one[:, size:, :size] = sign * hop, sign * hop.conj().swapaxes(1, 2)
-        change[:, size:, size:] = own - inner
-        block[:, :size, :size] = block[:, size:, size:] = inner
-        across[:, size:, :size] = hop
+        back, none = hop.conj().swapaxes(1, 2), np.zeros_like(hop)
+        change = np.block([[none, -hop], [-back, own - inner]])
+        block, across = np.block([[inner, hop], [back, inner]]), np.block([[none, none], [hop, none]])
         strength, basis = np.linalg.eigh(change)
         signs = np.where(strength < 0.0, -1.0, 1.0)
         root = basis * np.sqrt(np.abs(strength))[:, None]
@@ -426,49 +424,53 @@ class HalfSpace:
         """
         n, size, top = len(roots), self.size, self.highest
         nearest = np.min(np.abs(self.bands(q).reshape(len(q), -1)[place] - roots.real[:, None]), axis=1)
-        unit = np.minimum(np.maximum(np.abs(roots.imag), _DIFFERENCE_STEP * top), nearest / 3.0)
+        unit = np.minimum(np.maximum(_REACH * np.abs(roots.imag), _DIFFERENCE_STEP * top), 0.5 * nearest)
         at = (roots.real + unit * _NODES[:, None]).ravel() + 1j * _BAND_BROADENING * top
         values = self.inverse_green(q, np.tile(place, len(_NODES)), at).reshape(len(_NODES), n, size, size)
-        parts = np.einsum("kj,jnab->knab", np.linalg.inv(np.vander(_NODES, increasing=True)), values)
-        powers, t = np.arange(len(_NODES)), (1j * (roots.imag - _BAND_BROADENING * top)) / unit
+        parts = np.tensordot(np.linalg.inv(chebyshev.chebvander(_NODES, len(_NODES) - 1)), values, 1)
+        t = ((1j * (roots.imag - _BAND_BROADENING * top)) / unit)[:, None, None]
         for _ in range(_NEWTON_STEPS):
-            slope = np.einsum("kn,knab->nab", powers[1:, None] * t ** powers[:-1, None], parts[1:])
-            steps = np.linalg.eigvals(np.linalg.solve(slope, -np.einsum("kn,knab->nab", t ** powers[:, None], parts)))
+            slope = chebyshev.chebval(t, chebyshev.chebder(parts), tensor=False)
+            steps = np.linalg.eigvals(np.linalg.solve(slope, -chebyshev.chebval(t, parts, tensor=False)))
             step = steps[np.arange(n), np.argmin(np.abs(steps), axis=1)]
-            t = t + step
-        tail = np.linalg.norm(parts[-1], axis=(1, 2)) / np.linalg.norm(parts[1], axis=(1, 2)) * np.abs(t) ** (len(parts) - 2)
-        good = (tail <= _TAIL) & (np.abs(step) <= _NEWTON_TOLERANCE) if n else np.zeros(0, bool)
+            t = t + step[:, None, None]
+        t, last = t[:, 0, 0], np.abs(chebyshev.chebvander(t[:, 0, 0], len(parts) - 1)[:, -1])
+        tail = last * np.linalg.norm(parts[-1], axis=(1, 2)) / np.linalg.norm(slope, axis=(1, 2))
+        good = (tail <= _TAIL * np.abs(t.imag)) & (np.abs(step) <= _NEWTON_TOLERANCE) if n else np.zeros(0, bool)
         found = roots.real + unit * t + 1j * _BAND_BROADENING * top
         return np.where(good, found.real + 1j * np.minimum(found.imag, 0.0), roots)
 
     # -- topology ----------------------------------------------------------------------------------------------------------
 
     def _find_rows(self, q: Array) -> Complex:
-        """Return K^1/2 C M^-1/2 (n, rows, size) of one block of the crystal at q (p - 1,), at n phases from block to block.
+        """Return |K|^1/2 C M^-1/2 (n, rows, size) of one block of the crystal at q (p - 1,), at n phases between blocks.
 
         A contact of two blocks is one of the lower.
         """
         size, parts = self.size, np.tensordot(np.exp(2.0j * np.pi * (self._steps @ q)), self._matrix[:, self._whole], 1)
         phase = np.exp(2.0j * np.pi * np.arange(_WINDING_PHASES) / _WINDING_PHASES)[:, None, None]
         rows = parts[:, size : 2 * size] + phase * parts[:, 2 * size :]
-        return np.asarray(np.sqrt(self._stiff[self._whole].astype(complex))[:, None] * rows)
+        return np.asarray(np.sqrt(np.abs(self._stiff[self._whole]))[:, None] * rows)
 
     def zak_phase(self, q: Array, below: int) -> float:
         """Return the Zak phase of all but the ``below`` lowest branches at q (p - 1,), 0 to 2 pi (J. Zak, Phys. Rev. Lett.
         62, 2747, 1989).
 
         It is that of the motions of the balls where an edge is held, and of the deformations of contacts where it is free,
-        as each edge leaves whole cells of these.
+        as each edge leaves whole cells of these. Raises :class:`~granphon.base.errors.InputError` where the gap closes.
         """
-        rows = self._find_rows(q)
-        kept = slice(below, None)
+        if self.edge == "free" and self.network.prestress:
+            raise InputError("static forces act at the free edge (prestress)", mend="Take a state without, or a held edge")
+        rows, signs = self._find_rows(q), np.sign(self._stiff[self._whole])[:, None]
+        squares, vectors = np.linalg.eigh(rows.conj().swapaxes(1, 2) @ (signs * rows))
+        shape, gap = vectors[:, :, below:], np.min(squares[:, below] - squares[:, below - 1])
         if self.edge == "free":
-            kept = slice(below - self.size, None)
-            rows = rows.conj().swapaxes(1, 2)
-        _, vectors = np.linalg.eigh(rows.conj().swapaxes(1, 2) @ rows)
-        shape = vectors[:, :, kept]
+            shape = np.linalg.qr(rows @ shape)[0]
         steps = np.linalg.det(shape.conj().swapaxes(1, 2) @ np.roll(shape, -1, axis=0))
-        return float(-np.angle(np.prod(steps / np.abs(steps))) % (2.0 * np.pi))
+        if gap <= _SINGULAR * self.highest or np.min(np.abs(steps)) < _OPEN:
+            raise InputError(f"the gap above the {below} lowest branches closes, or nearly", mend="Take another wave vector")
+        phase = -float(np.angle(np.prod(steps / np.abs(steps))))
+        return 0.0 if abs(phase) < _NO_PHASE else phase % (2.0 * np.pi)
 
     def winding(self, q: Array) -> int:
         """Return how often det C winds about zero at q (p - 1,), which is the number of motions at a free edge that cost
@@ -539,7 +541,6 @@ class HalfSpace:
         near = (at - 0.01, at + 0.01)
         limit = float(minimize_scalar(slowest, bounds=near, method="bounded", options={"xatol": 1e-12}).fun)
         ends = 1e-3 * limit, (1.0 - 1e-9) * limit
-        signs = [impedance(one) for one in ends]
-        if not signs[0] * signs[1] < 0.0:
+        if not impedance(ends[0]) * impedance(ends[1]) < 0.0:
             raise GranphonError("no long wave runs along this edge", mend="Choose another direction")
         return float(brentq(impedance, *ends, xtol=1e-15 * limit, rtol=1e-15))

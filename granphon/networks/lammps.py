@@ -145,9 +145,7 @@ def _read_frame(path: str | os.PathLike[str], step: int | None, kind: str) -> _F
     frames = [frame for frame in every if step is None or frame.step == step]
     if not frames:
         steps = sorted({frame.step for frame in _split_frames(str(path), read_bytes(path, MOST_BYTES), kind)})
-        shown = f"{steps[0]} alone" if len(steps) == 1 else "none"
-        if len(steps) > 1:
-            shown = f"{steps[0]} to {steps[-1]}, {len(steps)} in all"
+        shown = f"{steps[0]} to {steps[-1]}, {len(steps)} in all" if steps[1:] else f"{steps[0]} alone" if steps else "none"
         raise InputError(f"{path} has no time step {brief(step)}", f"It has {shown}")
     return frames[-1]
 

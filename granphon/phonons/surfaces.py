@@ -181,8 +181,7 @@ class Surface:
         They are those over all wave vectors across the edge; branches are ordered by frequency, and of a cell that spans as
         many layers as contacts reach across.
         """
-        squares = self.half_space.bands(self._read(q)[0])
-        return np.asarray(np.sqrt(np.maximum(squares, 0.0)) * self._frequency)
+        return np.asarray(np.sqrt(np.maximum(self.half_space.bands(self._read(q)[0]), 0.0)) * self._frequency)
 
     def spectrum(self, q: ArrayLike | None, frequencies: ArrayLike, damping: float | None = None) -> SurfaceSpectrum:
         """Return the spectrum of the outer layer, resolved by motion.
@@ -232,7 +231,7 @@ class Surface:
 
         ``leaky`` adds resonances within the bands, if their width is below a tenth of their frequency and a fiftieth of
         their energy is in the top layer. Their width is that of the pole below the real axis; where the velocity of a wave
-        of the crystal across the edge nearly vanishes, it is right to first order. Motions at zero frequency deform no
+        of the crystal across the edge nearly vanishes, it is a first estimate. Motions at zero frequency deform no
         contact and are no waves. ``free`` lists them too, if a thousandth of their energy is in the outer layers, also in a
         crystal whose bulk has such motions. Wave vectors nearer to Gamma than 1e-4 of the zone lose digits.
         """
@@ -275,7 +274,9 @@ class Surface:
         """Return the Zak phase (n_q,), rad, 0 to 2 pi, at q (n_q, p - 1), of the branches above the ``below`` lowest ones.
 
         At a free edge it is the phase of the deformations of contacts, else of the motions of balls. Where symmetry leaves
-        but 0 and pi, pi means a wave of the edge in the gap above the ``below`` lowest branches, which must be open.
+        but 0 and pi, pi means a wave of the edge in the gap above the ``below`` lowest branches.
+
+        Raises :class:`~granphon.base.errors.InputError` where the gap closes, and at a free edge under prestress.
         """
         half = self.half_space
         low = whole_number("below", below, 1, half.size - 1)

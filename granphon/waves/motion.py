@@ -138,15 +138,14 @@ class Motion(Result):
     def peaks(self) -> tuple[Array, Array]:
         """Return the times, s, and the heights, N, of the greatest normal force of each contact, each (n_c,).
 
-        Both are those of a parabola through the greatest frame and its neighbours; of fewer than three frames, of a frame.
+        Both are those of a parabola through the greatest frame and its neighbours; of the first frame, or the last, itself.
         """
-        if len(self.times) < 3:
-            return self.times[np.argmax(self.forces, axis=0)], np.asarray(self.forces).max(axis=0)
-        top = np.clip(np.argmax(self.forces, axis=0), 1, len(self.times) - 2)
-        low, most, high = (self.forces[top + shift, np.arange(len(top))] for shift in (-1, 0, 1))
+        top, last = np.argmax(self.forces, axis=0), len(self.times) - 1
+        before, after = np.maximum(top - 1, 0), np.minimum(top + 1, last)
+        low, most, high = (self.forces[at, np.arange(len(top))] for at in (before, top, after))
         bend, tilt = low - 2.0 * most + high, low - high
-        shift = np.clip(np.divide(0.5 * tilt, bend, out=np.zeros_like(bend), where=bend < 0.0), -1.0, 1.0)
-        return self.times[top] + shift * (self.times[1] - self.times[0]), most - 0.25 * tilt * shift
+        shift = np.divide(0.5 * tilt, bend, out=np.zeros_like(bend), where=after == before + 2)
+        return self.times[top] + 0.5 * shift * (self.times[after] - self.times[before]), most - 0.25 * tilt * shift
 
     def arrivals(self, share: float = 0.5) -> Array:
         """Return the times, (n_c,), s, at which each force has changed by the part ``share`` of its greatest change.
@@ -190,15 +189,16 @@ class Motion(Result):
         """Return frequencies, Hz, and amplitudes, m, of the displacement of a ball along an ``axis``, each (n_f//2 + 1,).
 
         The mean is left out. A Hann window keeps frequencies apart; the amplitude is that of a steady motion at a frequency
-        of the list.
+        of the list. Raises :class:`~granphon.base.errors.InputError` for fewer than four frames.
         """
         values = self.displacements[
             :, whole_number("ball", ball, 0, self.network.n_balls - 1), whole_number("axis", axis, 0, 2)
         ]
+        if len(values) < 4:
+            raise InputError(f"{len(values)} frames have no spectrum", mend="Keep more frames")
         window = np.hanning(len(values))
         weighed = window * (values - np.average(values, weights=window))
-        spacing = float(self.times[1] - self.times[0])
-        frequencies: Array = np.asarray(np.fft.rfftfreq(len(values), spacing), float)
+        frequencies: Array = np.asarray(np.fft.rfftfreq(len(values), float(self.times[1] - self.times[0])), float)
         return frequencies, 2.0 / np.sum(window) * np.abs(np.fft.rfft(weighed))
 
     def harmonics(self, frequency: float, count: int = 3, axis: int = 0, periods: int = 10) -> NDArray[np.complex128]:
@@ -209,11 +209,11 @@ class Motion(Result):
         highest multiple has fewer than 2.5 frames.
         """
         f, most = positive("frequency", frequency, "Hz"), whole_number("count", count, 1)
-        span = whole_number("periods", periods, 1) / f
+        span, whole = whole_number("periods", periods, 1) / f, float(self.times[-1] - self.times[0])
         last = self.times > self.times[-1] - span * (1.0 + 1e-9)
-        per = (1.0 / f / most) / float(self.times[1] - self.times[0])
-        if span > float(self.times[-1]) * (1.0 + 1e-9) or per < _PER_PERIOD:
-            what = f"{per:.3g} frames are in a period of multiple {most}, and {self.times[-1] * f:.3g} periods in the run"
+        per = (len(self.times) - 1) / (whole * f * most) if whole else 0.0
+        if span > whole * (1.0 + 1e-9) or per < _PER_PERIOD:
+            what = f"{per:.3g} frames are in a period of multiple {most}, and {whole * f:.3g} periods in the run"
             raise InputError(what, mend="Run for longer, keep more frames, or ask for fewer multiples")
         angle = 2.0 * np.pi * f * self.times[last, None] * np.arange(1, most + 1)
         terms = np.hstack([np.ones((len(angle), 1)), np.cos(angle), np.sin(angle)])

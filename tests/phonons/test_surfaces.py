@@ -208,6 +208,23 @@ def test_leaky_waves_are_roots_of_outgoing_waves(lattice, axis, q):
     assert_allclose([frequency, 0.5 * width], [expected.real, -expected.imag], rtol=0.0, atol=1e-5 * width)
 
 
+@pytest.mark.claim("leaky")
+@pytest.mark.parametrize(("q", "converged"), [(0.02, (1, 2)), (0.33, (0, 1))])
+def test_leaky_waves_near_extremes_inside_of_bands(q, converged):
+    # two kinds of balls, whose bands have extremes between their ends: a polynomial across one of them tells no width
+    light = gp.Ball(gp.Material(70e9, 0.33, 2700.0), 8e-3)
+    crystal = gp.Crystal.on("triangular", [gp.Ball(gp.Material(193e9, 0.3, 8000.0), 8e-3)]).repeat((2, 1)).replace(0, light)
+    surface = gp.Surface(crystal.at_overlap(1e-6), 1)
+    found = surface.branches([[q]], leaky=True)
+    unit, blocks = surface.half_space.units.frequency, surface.half_space.blocks(np.array([[q]]))
+    for place, at in enumerate(np.flatnonzero(found.widths > 0.0)):
+        frequency, width = found.frequencies[at], found.widths[at]
+        root = follow_pole(*(one[0] for one in blocks), ((frequency - 0.5j * width) / unit) ** 2)
+        expected = np.sqrt(root) * unit
+        assert_allclose(width, -2.0 * expected.imag, rtol=1e-5 if place in converged else 1.0)
+        assert place not in converged or abs(frequency - expected.real) < 1e-5 * width
+
+
 def test_a_spectrum_is_that_of_a_long_column():
     # of the end of a chain: the response of the first ball of many, damped in the same way
     network = gp.Crystal.on("chain", [BALL]).at_force(10.0).network
@@ -257,8 +274,32 @@ def test_the_zak_phase_counts_the_states_at_the_end_of_a_chain():
     ]  # fmt: skip
     cases += [(gp.Surface(chain(masses, (2e7, 2e7)), 0), waves) for masses, waves in (([1e-2, 3e-2], 1), ([3e-2, 1e-2], 0))]
     for surface, waves in cases:
-        assert_allclose(np.exp(1j * surface.zak_phase()), (-1.0) ** waves, atol=1e-10)
+        assert_allclose(surface.zak_phase(), np.pi * waves, atol=1e-10)
         assert len(surface.branches()[0]) == waves
+    # rounding makes no 2 pi of a phase of zero
+    assert_allclose(gp.Surface(balls("triangular"), 1, "clamped").zak_phase(np.linspace(0.2, 0.4, 21)[:, None]), 0.0)
+
+
+@pytest.mark.parametrize("finite_overlap", [False, True])
+def test_the_zak_phase_is_that_of_the_motions_under_static_forces_too(finite_overlap):
+    light, heavy = (gp.Ball(gp.Material(70e9, 0.33, density), 8e-3) for density in (2700.0, 12000.0))
+    crystal = gp.Crystal.on("triangular", [light]).repeat((1, 3)).replace(1, heavy).replace(2, gp.Ball(BALL.material, 8e-3))
+    surface = gp.Surface(crystal.at_overlap(4e-4, finite_overlap=finite_overlap), 1, "clamped")
+    assert surface.network.prestress == finite_overlap
+    _, inner, hop = (one[0] for one in surface.half_space.blocks(np.array([[0.2]])))
+    below, turns = 6, np.exp(2j * np.pi * np.arange(256) / 256)[:, None, None]
+    _, vectors = np.linalg.eigh(inner + turns * hop + turns.conj() * hop.conj().T)
+    above = vectors[:, :, below:]
+    steps = np.linalg.det(above.conj().swapaxes(1, 2) @ np.roll(above, -1, axis=0))
+    expected = -np.angle(np.prod(steps / np.abs(steps))) % (2.0 * np.pi)
+    assert_allclose(surface.zak_phase([[0.2]], below), expected, atol=1e-9)
+    assert 0.1 < expected < 6.2
+
+
+def pressed_square():
+    """Equal balls under static forces that act."""
+    packing = gp.Packing(BALL.material, 8e-3, lattice="square", friction=True)
+    return gp.AveragedLattice(packing).at_overlap(1e-6, finite_overlap=True)
 
 
 def listed_size(network, axis):
@@ -319,6 +360,8 @@ def test_the_winding_counts_the_motions_at_the_edges_that_cost_nothing(axis):
         (lambda: gp.Surface(bulk("fcc"), 2).velocity([0.0, 0.0]), "not both zero"),
         (lambda: gp.Surface(bulk("triangular"), 0).winding([[0.1]]), "6 deformations of contacts and 3 motions"),
         (lambda: gp.Surface(bulk("honeycomb"), 0).winding([[0.1]]), "det C vanishes"),
+        (lambda: gp.Surface(bulk("triangular"), 1).zak_phase([[0.0]]), "gap above the 1 lowest branches closes"),
+        (lambda: gp.Surface(pressed_square(), 0).zak_phase([[0.1]]), "static forces act at the free edge"),
         (lambda: gp.Surface(bulk("square"), 0).spectrum([[0.1]], [1.0]), "one frequency"),
         (lambda: gp.Surface(bulk("square"), 0).spectrum([[0.1]], [-1.0, 1.0]), "frequencies"),
     ],

@@ -24,6 +24,11 @@ def make(displacements=None, forces=None):
     return gp.Motion(times, moved, still, still, still, pushed, 0.0 * pushed, zero, zero, zero, zero, zero, 1e-4, chain)
 
 
+def late(motion, count):
+    """The last frames of a motion, as they are read of a file."""
+    return replace(motion, **{name: getattr(motion, name)[-count:] for name, one in motion._shapes.items() if one[0] == "f"})
+
+
 def test_peaks_and_velocities_of_a_pulse():
     """A parabola in time is found to rounding; a front is where the force has risen to its share."""
     motion = make(forces=lambda t, x: 5.0 + np.maximum(2.0 - 1e3 * (t - 0.2 - x / 80.0) ** 2, 0.0))
@@ -35,6 +40,14 @@ def test_peaks_and_velocities_of_a_pulse():
     assert_allclose(motion.arrivals(0.5), times - math.sqrt(1e-3), atol=1e-5)
     assert_allclose(motion.pulse_velocity(range(11), of="front", share=0.5), 80.0, rtol=1e-4)
     assert np.all(np.isinf(make().arrivals()))
+
+
+def test_the_greatest_force_may_be_the_first_or_the_last():
+    """Of contacts that a pull unloads, or that are still being pressed, it is that of the frame itself."""
+    motion = make(forces=lambda t, x: np.where(x < 10.0, 5.0 - t, 5.0 + t**2))
+    times, heights = motion.peaks()
+    assert_allclose(heights, motion.forces.max(axis=0), rtol=0.0)
+    assert_allclose(times, np.where(motion.middles[:, 0] < 10.0, 0.0, 1.0), rtol=0.0)
 
 
 def test_few_frames_have_no_parabola():
@@ -75,7 +88,9 @@ def test_a_spectrum_and_harmonics_of_a_steady_motion():
         (lambda m: m.pulse_velocity([0, 1], share=0.5), "a peak has none"),
         (lambda m: m.pulse_velocity([1, 1]), "each once"),
         (lambda m: m.spectrum(99), "ball"), (lambda m: m.harmonics(1.0), "periods in the run"),
-        (lambda m: m.harmonics(300.0), "frames are in a period"), (lambda m: m.harmonics(20.0, axis=3), "axis"),
+        (lambda m: m.harmonics(300.0), "frames are in a period"), (lambda m: late(m, 50).harmonics(20.0), "in the run"),
+        (lambda m: late(m, 3).spectrum(0), "3 frames have no spectrum"), (lambda m: late(m, 1).harmonics(1.0), "0 frames"),
+        (lambda m: m.harmonics(20.0, axis=3), "axis"),
     ],
 )  # fmt: skip
 def test_bad_questions_are_one_error(ask, words):
