@@ -23,7 +23,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 
-from granphon.base.arrays import Array, Complex, Index
+from granphon.base.arrays import Array, Complex, Flags, Index
 from granphon.base.errors import GranphonError, InputError
 from granphon.base.validation import real_array
 from granphon.dynamics.bloch_waves import Couplings
@@ -90,11 +90,12 @@ _TOP_PART = 0.02
 
 
 class EdgeWaves(NamedTuple):
-    """Waves of an edge: the number of the wave vector, w = omega^2 (complex where they leak), and the energy on top."""
+    """Waves of an edge: number of the wave vector, w = omega^2 (complex if they leak; estimated?), and the energy on top."""
 
     place: Index
     squares: Complex
     weight: Array
+    estimated: Flags
 
 
 class HalfSpace:
@@ -319,7 +320,7 @@ class HalfSpace:
         row, branch = np.nonzero((ends[0] < -rounded[0]) & (ends[1] > rounded[1]))
         place, gap, w = place[row], gap[:, row], np.zeros(len(row))
         if not row.size:
-            return EdgeWaves(place, np.zeros(0, complex), np.zeros(0))
+            return EdgeWaves(place, np.zeros(0, complex), np.zeros(0), np.zeros(0, bool))
         low, high = gap.copy()
         f_low, f_high = ends[:, row, branch]
         going, side = np.arange(len(row)), np.zeros(len(row))
@@ -359,7 +360,7 @@ class HalfSpace:
                 energy = float((one.conj() @ slope @ one).real)
                 found.append((at[0], here, float(np.sum(np.abs(moved[size:] @ one) ** 2)) / energy))
         table = np.array(found).reshape(-1, 3)
-        return EdgeWaves(table[:, 0].astype(np.intp), table[:, 1].astype(complex), table[:, 2])
+        return EdgeWaves(table[:, 0].astype(np.intp), table[:, 1].astype(complex), table[:, 2], np.zeros(len(table), bool))
 
     def find_free_motions(self, q: Array) -> EdgeWaves:
         """Find motions of the outer layers that cost nothing at q (n_q, p - 1), by the part of their energy on top.
@@ -371,7 +372,8 @@ class HalfSpace:
         green = np.linalg.inv(self.inverse_green(q, np.arange(len(q)), w))
         parts = np.linalg.eigvalsh(w[:, None, None] * 0.5 * (green + green.conj().swapaxes(1, 2)))
         place, branch = np.nonzero(parts > _FREE_TOP_PART)
-        return EdgeWaves(place, np.zeros(len(place), complex), np.asarray(parts[place, branch], float))
+        still = np.zeros(len(place), bool)
+        return EdgeWaves(place, still.astype(complex), np.asarray(parts[place, branch], float), still)
 
     def find_leaky_waves(self, q: Array) -> EdgeWaves:
         """Find narrow resonances within bands at q (n_q, p - 1), from S + dw S' on the real axis: leaky waves."""
@@ -414,13 +416,14 @@ class HalfSpace:
         fresh = np.ones(len(kept), bool)
         fresh[1:] = (np.diff(place[kept]) > 0) | (np.diff(w[kept]) > 10.0 * _NEWTON_TOLERANCE * top)
         kept = kept[fresh]
-        return EdgeWaves(place[kept], self._find_poles(q, place[kept], w[kept] + 1j * shift[kept].imag), weight[kept])
+        poles, estimated = self._find_poles(q, place[kept], w[kept] + 1j * shift[kept].imag)
+        return EdgeWaves(place[kept], poles, weight[kept], estimated)
 
-    def _find_poles(self, q: Array, place: Index, roots: Complex) -> Complex:
+    def _find_poles(self, q: Array, place: Index, roots: Complex) -> tuple[Complex, Flags]:
         """Return the roots of S nearest to ``roots`` (n,) below the real axis, onto which S is continued by a polynomial.
 
         Roots so near to a place where the velocity of a bulk wave across the edge vanishes that the last term of the
-        polynomial is felt stay as they are.
+        polynomial is felt stay as they are: estimates, as is told.
         """
         n, size, top = len(roots), self.size, self.highest
         nearest = np.min(np.abs(self.bands(q).reshape(len(q), -1)[place] - roots.real[:, None]), axis=1)
@@ -438,7 +441,7 @@ class HalfSpace:
         tail = last * np.linalg.norm(parts[-1], axis=(1, 2)) / np.linalg.norm(slope, axis=(1, 2))
         good = (tail <= _TAIL * np.abs(t.imag)) & (np.abs(step) <= _NEWTON_TOLERANCE) if n else np.zeros(0, bool)
         found = roots.real + unit * t + 1j * _BAND_BROADENING * top
-        return np.where(good, found.real + 1j * np.minimum(found.imag, 0.0), roots)
+        return np.where(good, found.real + 1j * np.minimum(found.imag, 0.0), roots), ~good
 
     # -- topology ----------------------------------------------------------------------------------------------------------
 

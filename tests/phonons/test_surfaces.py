@@ -217,7 +217,9 @@ def test_leaky_waves_near_extremes_inside_of_bands(q, converged):
     surface = gp.Surface(crystal.at_overlap(1e-6), 1)
     found = surface.branches([[q]], leaky=True)
     unit, blocks = surface.half_space.units.frequency, surface.half_space.blocks(np.array([[q]]))
-    for place, at in enumerate(np.flatnonzero(found.widths > 0.0)):
+    leaks = np.flatnonzero(found.widths > 0.0)
+    assert tuple(np.flatnonzero(~found.estimated[leaks])) == converged
+    for place, at in enumerate(leaks):
         frequency, width = found.frequencies[at], found.widths[at]
         root = follow_pole(*(one[0] for one in blocks), ((frequency - 0.5j * width) / unit) ** 2)
         expected = np.sqrt(root) * unit
