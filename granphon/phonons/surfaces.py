@@ -234,7 +234,7 @@ class Surface:
 
         ``leaky`` adds resonances within the bands, if their width is below a tenth of their frequency and a fiftieth of
         their energy is in the top layer. Their width is that of the pole below the real axis; where the velocity of a wave
-        of the crystal across the edge nearly vanishes, it is a first estimate, which is told. Motions at zero frequency deform no
+        of the crystal across the edge nearly vanishes, it is a first estimate. Motions at zero frequency deform no
         contact and are no waves. ``free`` lists them too, if a thousandth of their energy is in the outer layers, also in a
         crystal whose bulk has such motions. Wave vectors nearer to Gamma than 1e-4 of the zone lose digits.
         """
