@@ -252,7 +252,7 @@ def _average_responses(records: Sequence[Record], wanted: ResponseSettings) -> t
 def make_waves(x: Any, network: ContactNetwork, settings: MotionSettings) -> NonlinearWaves:
     """Return the balls of a ``network``, made of the state, sample or network ``x``, with the law of its contacts."""
     state = x.source if isinstance(x, NetworkState) else x
-    law = state.crystal.law if isinstance(state, CrystalState) else None
+    law = state.crystal if isinstance(state, CrystalState) else None
     mu = math.inf if settings.friction_coefficient is None else settings.friction_coefficient
     return NonlinearWaves(network, law, friction_coefficient=mu, damping=settings.damping, geometry=settings.geometry)
 

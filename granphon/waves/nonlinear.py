@@ -97,7 +97,8 @@ class NonlinearWaves:
         tangential forces.
     law : of the normal forces; by default that of a crystal, and elsewhere :class:`~granphon.Hertz`. Of a
         :class:`~granphon.PowerLaw` the exponent is taken: the coefficient and the overlap of each contact follow from its
-        force f and stiffness k, the overlap as a f/k. Other laws are those of a crystal, or the same for all pairs.
+        force f and stiffness k, the overlap as a f/k. Other laws are the same for all pairs. The
+        :class:`~granphon.Crystal` itself gives its network, once repeated or cut, the laws of its pairs.
     friction_coefficient : mu of Coulomb's limit of slip; by default contacts do not slide.
     damping : viscosity of contacts over their present stiffness, s, as in :meth:`Waves.response`: a number, or a tuple of
         that of normal and of all other motion; (n_c,) where balls do not meet others.
@@ -151,9 +152,13 @@ class NonlinearWaves:
         if state is not None and law is None:
             self._known = springs, _ = state.springs, state.crystal.law_of
             return _take_laws(springs, springs.overlap(np.zeros_like(force) if unloaded else force))
+        if isinstance(law, Crystal) and not unloaded:
+            find = self._find_kinds(law)
+            self._known = springs, _ = Springs(self._group(find, self.network.i, self.network.j), force.size), find
+            return _take_laws(springs, springs.overlap(force))
         if unloaded or isinstance(law, DMT | JKR):
             why = "Its contacts are those of balls of known materials, or of no load"
-            raise InputError(f"law is {brief(law)}", why, "Give the law to the Crystal")
+            raise InputError(f"law is {brief(law)}", why, "Give the law to the Crystal, and the Crystal here")
         if not isinstance(law, Hertz | PowerLaw | None):
             one = law_between(law, RIGID_PLANE, RIGID_PLANE)
             self._known = springs, _ = Springs([(one, np.arange(force.size))], force.size), lambda *_: one
@@ -176,11 +181,23 @@ class NonlinearWaves:
                 raise InputError(what, "Their contact law is not known", "Give a Crystal")
             more = np.mean(one) * _root_radius(network.radii, i, j)
             return Powers(known.exponent, np.append(known.coefficient, more), overlap)
-        kinds = network.kinds or ("",) * network.n_balls
-        pairs = [(kinds[one], kinds[other]) for one, other in zip(i.tolist(), j.tolist(), strict=True)]
-        laws = {pair: known[1](int(i[at]), int(j[at])) for at, pair in enumerate(pairs)}
-        groups = [(law, network.n_contacts + np.flatnonzero([pair == one for pair in pairs])) for one, law in laws.items()]
+        groups = [(law, network.n_contacts + at) for law, at in self._group(known[1], i, j)]
         return _take_laws(Springs([*known[0].groups, *groups], len(overlap)), overlap, len(i))
+
+    def _group(self, find: Callable[[int, int], PairLaw], i: Index, j: Index) -> list[tuple[PairLaw, Index]]:
+        """Return the law of each pair of kinds of balls, and the numbers of the contacts (i, j) that have it."""
+        kinds = self.network.kinds or ("",) * self.network.n_balls
+        pairs = [(kinds[one], kinds[other]) for one, other in zip(i.tolist(), j.tolist(), strict=True)]
+        last = {pair: at for at, pair in enumerate(pairs)}
+        return [(find(int(i[at]), int(j[at])), np.flatnonzero([pair == one for pair in pairs])) for one, at in last.items()]
+
+    def _find_kinds(self, crystal: Crystal) -> Callable[[int, int], PairLaw]:
+        """Return the law of two balls of the network by their kinds, which are those of a crystal."""
+        kinds, first = self.network.kinds or (), {RIGID_PLANE.name: crystal.n_balls}
+        first |= {name: int(np.argmax(crystal.kind == at)) for at, name in enumerate(crystal.names)}
+        if not kinds or not set(kinds) <= set(first):
+            raise InputError("the balls of the network are not of the kinds of the crystal", mend="Give a law")
+        return lambda i, j: crystal.law_of(first[kinds[i]], first[kinds[j]])
 
     def run(
         self, duration: float, positions: ArrayLike | None = None, velocities: ArrayLike | None = None,

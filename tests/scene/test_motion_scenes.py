@@ -200,15 +200,26 @@ def test_a_shaker_pushes_and_tables_give_the_work(tmp_path):
     assert motion.work[-1] > 0.0
 
 
-def test_crystals_move_by_their_own_law(tmp_path):
-    for law, exponent in (("hertz", 1.5), ("{power: {exponent: 2, coefficient: 1e12}}", 2.0)):
-        one = scene(CRYSTAL, LAW=law)
-        motion = one.run(tmp_path / str(exponent), figures=False).waves.motion
-        network = one.state().network.cut(0, 10)
-        velocities = np.zeros((20, 3))
-        velocities[0, 0] = 0.1
-        waves = gp.NonlinearWaves(network, None if exponent == 1.5 else gp.PowerLaw(2.0, 1e12))
-        assert motion == waves.run(5e-4, velocities=velocities)
+@pytest.mark.parametrize(
+    ("law", "same"),
+    [
+        ("hertz", gp.Hertz()), ("{power: {exponent: 2, coefficient: 1e12}}", gp.PowerLaw(2.0, 1e12)),
+        ("{dmt: {adhesion: 0.5 J/m^2}}", None), ("{A A: hertz, A B: {jkr: {adhesion: 9 J/m^2}}, B B: hertz}", None),
+    ],
+)  # fmt: skip
+def test_crystals_move_by_their_own_law(law, same, tmp_path):
+    one = scene(CRYSTAL, LAW=law)
+    motion, crystal = one.run(tmp_path / "run", figures=False).waves.motion, one.packing.crystal
+    network, velocities = one.state().network.cut(0, 10), np.zeros((20, 3))
+    velocities[0, 0] = 0.1
+    assert motion == gp.NonlinearWaves(network, crystal).run(5e-4, velocities=velocities)
+    if same is not None:
+        found = gp.NonlinearWaves(network, same).run(5e-4, velocities=velocities)
+        assert_allclose(motion.forces, found.forces, rtol=1e-9, atol=1e-9)
+    own, moved = crystal.law_of(0, 1), motion.displacements[:, :, 0]
+    overlap = own.overlap(10.0) + network.normal[:, 0] * (moved[:, network.i] - moved[:, network.j])
+    closed = overlap > getattr(own, "least_overlap", 0.0)
+    assert_allclose(motion.forces, np.where(closed, own.force(overlap), 0.0), rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.parametrize("edges", ["free", "clamped free"])

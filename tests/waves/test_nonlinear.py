@@ -580,7 +580,7 @@ gp.NonlinearWaves(line(10.0, 4)).run(1e-4, drive=gp.Drive(0, (1, 0, 0), force=fo
         ({"duration": 0.0}, "duration"), ({"velocities": np.ones((3, 3))}, "velocities has the shape"),
         ({"displacements": np.full((4, 3), np.nan)}, "displacements"), ({"frames": 1}, "frames"),
         ({"drive": gp.Drive(0, (1, 0, 0))}, "drive is"), ({"drive": 3}, "drive"),
-        ({"drive": gp.Drive(9, (1, 0, 0), force=lambda time: 1.0)}, "Balls have the indices"),
+        ({"drive": gp.Drive(9, (1, 0, 0), force=lambda time: 1.0)}, "indices of balls, 0 to 3, each once"),
         ({"drive": gp.Drive(0, (1, 0, 0), displacement=lambda time: 1e-6)}, "begin at zero"),
         ({"drive": gp.Drive(0, (0, 0, 0), force=lambda time: 1.0)}, "direction"), ({"step": -1.0}, "step"),
         ({"positions": np.zeros((3, 3))}, "positions has the shape"), ({"scheme": "euler"}, "verlet, midpoint"),
