@@ -18,7 +18,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import granphon as gp
-from granphon.dynamics.long_waves import bulk_and_shear
+from granphon.dynamics.elasticity import bulk_and_shear
 from granphon.figures.style import STYLE
 
 FORCE = np.array([0.006, 0.012, 0.025, 0.05, 0.1, 0.2, 0.4, 0.8, 2.0])  # f*
