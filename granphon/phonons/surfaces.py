@@ -52,7 +52,7 @@ class SurfaceBranches(Result):
     frequencies: Annotated[Array, "n", "Hz"]
     widths: Annotated[Array, "n", "Hz"]
     weight: Annotated[Array, "n"]
-    estimated: Annotated[NDArray[np.bool_], "n"]
+    estimated: NDArray[np.bool_]
 
     def __len__(self) -> int:
         return len(self.qpoints)

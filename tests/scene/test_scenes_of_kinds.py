@@ -229,7 +229,7 @@ MISTAKES = {
     "a side force": (f"{_ON_CHAIN}load: {{side_force: 9 N, balls_per_side: 3}}", "load.side_force", "triangular"),
     "no period": ("crystal: {lattice: chain, cut: {axis: 0, layers: 5}}\nload: {force: 1 N}", "observe", "repeats nowhere"),
     "twice": ("crystal: {lattice: chain, repeat: 8, remove: 3 5 3}\nload: {force: 1 N}", "crystal.remove", "ball 3 more"),
-    "no such ball": ("crystal: {lattice: chain, remove: [7]}\nload: {force: 1 N}", "crystal.remove", "not the number"),
+    "no such ball": ("crystal: {lattice: chain, remove: [7]}\nload: {force: 1 N}", "crystal.remove", "0 to 1, each once"),
     "no such layer": (
         "crystal: {lattice: fcc, kinds: [A], repeat: 2 2 2, cut: {axis: 1 1, layers: 3}}\nload: {force: 1 N}",
         "crystal.cut", "Miller",
