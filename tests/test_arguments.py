@@ -79,9 +79,9 @@ CALLS: dict[str, tuple[Callable[[], Callable[..., Any]], dict[str, Any]]] = {
     "run": (lambda: partial(gp.NonlinearWaves(bulk("chain").repeat((4,))).run, 1e-5), {
         "velocities": np.zeros((4, 1)), "frames": 2, "step": None, "scheme": "verlet",
     }),
-    "fit_damping": (lambda: gp.fit_damping, {
-        "x": None, "measured": gp.TransferFunction([1.0, 2.0], [1.0, 2.0]), "source": (0, "x"), "receiver": (1, "x"),
-    }),
+    "fit_damping": (lambda: partial(
+        gp.fit_damping, bulk("chain").cut(0, 3), gp.TransferFunction([1e3, 2e3, 3e3], [1.0, 2.0, 1.0]), (0, "x"), (2, "x"),
+    ), {"damping": 0.0, "loss_factor": 0.0, "parameters": ("damping",)}),
     "BallContacts": (lambda: gp.BallContacts, {"balls": {"A": STEEL}, "law": None}),
     "complex_bands": (lambda: gp.Phonons(at_rest()).complex_bands, {"frequencies": [1e3], "axis": 0}),
     "Signal": (lambda: gp.Signal, {"times": (0.0, 1.0), "values": (0.0, 1.0)}),

@@ -90,7 +90,9 @@ _TOP_PART = 0.02
 
 
 class EdgeWaves(NamedTuple):
-    """Waves of an edge: number of the wave vector, w = omega^2 (complex if they leak; estimated?), and the energy on top."""
+    """Waves of an edge: the number of the wave vector, w = omega^2 (complex where they leak), the energy on top, and whether
+    the imaginary part of w is an estimate.
+    """
 
     place: Index
     squares: Complex
@@ -423,7 +425,7 @@ class HalfSpace:
         """Return the roots of S nearest to ``roots`` (n,) below the real axis, onto which S is continued by a polynomial.
 
         Roots so near to a place where the velocity of a bulk wave across the edge vanishes that the last term of the
-        polynomial is felt stay as they are: estimates, as is told.
+        polynomial is felt stay as they are; the second array (n,) says which.
         """
         n, size, top = len(roots), self.size, self.highest
         nearest = np.min(np.abs(self.bands(q).reshape(len(q), -1)[place] - roots.real[:, None]), axis=1)

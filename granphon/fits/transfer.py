@@ -292,7 +292,7 @@ def fit_damping(
     if {"stiffness", "load"} <= set(names) and not network.prestress:
         why = "Without prestress a load does no more than scale stiffnesses"
         raise InputError("the data cannot tell stiffness and load apart", why, "Fit one of them")
-    ContactDamping.of(network, damping, loss_factor)
+    ContactDamping.of(network, damping, loss_factor)  # refuses wrong ones before the fit
     pairs = [one if isinstance(one, tuple) else (one, one) for one in (damping, loss_factor)]
     places = {
         "source": source, "receiver": receiver, "quantity": quantity, "direction": direction, "polarisation": polarisation,

@@ -311,7 +311,7 @@ class Surface:
                 raise InputError("the direction leaves the edge", mend="Give one along it")
             along = turned[:p]
         unit = self.half_space.units.velocity
-        return float(unit * self.half_space.rayleigh_velocity(along / np.linalg.norm(along)))
+        return float(unit * self.half_space.rayleigh_velocity(along))
 
 
 def observe_surface(
