@@ -149,13 +149,11 @@ class NonlinearWaves:
         """Return the laws of the contacts, and keep them with the law of any pair, or as powers that follow radii."""
         force, stiffness = self.network.normal_force, self.network.normal_stiffness
         self._known: Powers | tuple[Springs, Callable[[int, int], PairLaw]]
-        if state is not None and law is None:
-            self._known = springs, _ = state.springs, state.crystal.law_of
-            return _take_laws(springs, springs.overlap(np.zeros_like(force) if unloaded else force))
-        if isinstance(law, Crystal) and not unloaded:
-            find = self._find_kinds(law)
+        crystal = state.crystal if state is not None and law is None else law
+        if isinstance(crystal, Crystal) and not (unloaded and law is not None):
+            find = self._find_kinds(crystal)
             self._known = springs, _ = Springs(self._group(find, self.network.i, self.network.j), force.size), find
-            return _take_laws(springs, springs.overlap(force))
+            return _take_laws(springs, springs.overlap(np.zeros_like(force) if unloaded else force))
         if unloaded or isinstance(law, DMT | JKR):
             why = "Its contacts are those of balls of known materials, or of no load"
             raise InputError(f"law is {brief(law)}", why, "Give the law to the Crystal, and the Crystal here")
