@@ -1160,11 +1160,6 @@ class CrystalState(Result):
         between = [held[table.i] & held[table.j], *(held[one.balls] for one in self.crystal._floors)]
         return np.asarray((self.normal_stiffness > 0.0) & ~np.concatenate(between))
 
-    @property
-    def springs(self) -> Springs:
-        """The laws of the contacts of the network."""
-        return self.crystal._springs.among(np.flatnonzero(self._kept))
-
     @cached_property
     def network(self) -> ContactNetwork:
         """The cell as a :class:`~granphon.ContactNetwork`, without contacts that are open.
