@@ -20,10 +20,9 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 
-from granphon.base.arrays import Array, Complex, Flags, Index
+from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import GranphonError, InputError
 from granphon.base.validation import real_array
 from granphon.dynamics.bloch_waves import Couplings
@@ -79,10 +78,14 @@ _NO_PHASE = 1e-9
 _FREE_SHIFT = 1e-10
 #: part of the energy of such a motion in the top layer, at least
 _FREE_TOP_PART = 1e-3
-#: nodes of the polynomial that continues S into the complex plane, and their reach over the half width at first
-_NODES, _REACH = np.cos(np.pi * (np.arange(15) + 0.5) / 15), 2.0
-#: shift of a root by the last term of this polynomial, over its half width, below which it has converged
-_TAIL = 1e-5
+#: motion of a factor of a wave, over what parts it from those of other waves, up to which it counts as the same wave
+_MOST_MOVED = 0.25
+#: least step below the real axis, and step of a difference, over the half width
+_LEAST_STEP = 1e-4
+#: error of w of a pole, over the highest w
+_POLE_NOISE = 1e-13
+#: factor from block to block that stands for all larger ones
+_FAR = 1e3
 #: half width over frequency up to which a resonance counts as a leaky wave
 _MOST_WIDTH = 0.05
 #: part of the energy of a leaky wave in the top layer, at least
@@ -90,14 +93,11 @@ _TOP_PART = 0.02
 
 
 class EdgeWaves(NamedTuple):
-    """Waves of an edge: the number of the wave vector, w = omega^2 (complex where they leak), the energy on top, and whether
-    the imaginary part of w is an estimate.
-    """
+    """Waves of an edge: the number of the wave vector, w = omega^2 (complex where they leak), and the energy on top."""
 
     place: Index
     squares: Complex
     weight: Array
-    estimated: Flags
 
 
 class HalfSpace:
@@ -322,7 +322,7 @@ class HalfSpace:
         row, branch = np.nonzero((ends[0] < -rounded[0]) & (ends[1] > rounded[1]))
         place, gap, w = place[row], gap[:, row], np.zeros(len(row))
         if not row.size:
-            return EdgeWaves(place, np.zeros(0, complex), np.zeros(0), np.zeros(0, bool))
+            return EdgeWaves(place, np.zeros(0, complex), np.zeros(0))
         low, high = gap.copy()
         f_low, f_high = ends[:, row, branch]
         going, side = np.arange(len(row)), np.zeros(len(row))
@@ -362,7 +362,7 @@ class HalfSpace:
                 energy = float((one.conj() @ slope @ one).real)
                 found.append((at[0], here, float(np.sum(np.abs(moved[size:] @ one) ** 2)) / energy))
         table = np.array(found).reshape(-1, 3)
-        return EdgeWaves(table[:, 0].astype(np.intp), table[:, 1].astype(complex), table[:, 2], np.zeros(len(table), bool))
+        return EdgeWaves(table[:, 0].astype(np.intp), table[:, 1].astype(complex), table[:, 2])
 
     def find_free_motions(self, q: Array) -> EdgeWaves:
         """Find motions of the outer layers that cost nothing at q (n_q, p - 1), by the part of their energy on top.
@@ -374,8 +374,7 @@ class HalfSpace:
         green = np.linalg.inv(self.inverse_green(q, np.arange(len(q)), w))
         parts = np.linalg.eigvalsh(w[:, None, None] * 0.5 * (green + green.conj().swapaxes(1, 2)))
         place, branch = np.nonzero(parts > _FREE_TOP_PART)
-        still = np.zeros(len(place), bool)
-        return EdgeWaves(place, still.astype(complex), np.asarray(parts[place, branch], float), still)
+        return EdgeWaves(place, np.zeros(len(place), complex), np.asarray(parts[place, branch], float))
 
     def find_leaky_waves(self, q: Array) -> EdgeWaves:
         """Find narrow resonances within bands at q (n_q, p - 1), from S + dw S' on the real axis: leaky waves."""
@@ -414,36 +413,80 @@ class HalfSpace:
             going = going[inside & (size[going] > _NEWTON_TOLERANCE * w[going])]
         narrow = (np.abs(shift.imag) < 2.0 * _MOST_WIDTH * w) & (shift.imag <= _NEWTON_TOLERANCE * top)
         kept = np.flatnonzero((size <= _NEWTON_TOLERANCE * w) & narrow & (weight > _TOP_PART))
-        kept = kept[np.lexsort((w[kept], place[kept]))]
-        fresh = np.ones(len(kept), bool)
-        fresh[1:] = (np.diff(place[kept]) > 0) | (np.diff(w[kept]) > 10.0 * _NEWTON_TOLERANCE * top)
-        kept = kept[fresh]
-        poles, estimated = self._find_poles(q, place[kept], w[kept] + 1j * shift[kept].imag)
-        return EdgeWaves(place[kept], poles, weight[kept], estimated)
+        # of equal ones the first: of the resonances, and of the poles to which they lead
+        kept = kept[self._find_different(place[kept], w[kept])]
+        poles, blocks = w[kept].astype(complex), self.blocks(q)
+        for number, chosen in enumerate(kept):
+            width = -shift[chosen].imag - _BAND_BROADENING * top
+            if width > _POLE_NOISE * top:
+                own, inner, hop = (one[place[chosen]] for one in blocks)
+                poles[number] = self._find_pole(own, inner, hop, complex(w[chosen], -width))
+        leaks = np.flatnonzero((poles.imag <= 0.0) & (poles.imag > -2.0 * _MOST_WIDTH * poles.real))
+        leaks = leaks[self._find_different(place[kept[leaks]], poles[leaks])]
+        return EdgeWaves(place[kept[leaks]], poles[leaks], weight[kept[leaks]])
 
-    def _find_poles(self, q: Array, place: Index, roots: Complex) -> tuple[Complex, Flags]:
-        """Return the roots of S nearest to ``roots`` (n,) below the real axis, onto which S is continued by a polynomial.
+    def _find_different(self, place: Index, w: Any) -> Index:
+        """Return indices that sort w (n,) at each wave vector, without those that repeat another."""
+        order = np.lexsort((w.real, place))
+        fresh = np.ones(len(order), bool)
+        fresh[1:] = (np.diff(place[order]) > 0) | (np.abs(np.diff(w[order])) > 10.0 * _NEWTON_TOLERANCE * self.highest)
+        return order[fresh]
 
-        Roots so near to a place where the velocity of a bulk wave across the edge vanishes that the last term of the
-        polynomial is felt stay as they are; the second array (n,) says which.
+    def _find_pole(self, own: Complex, inner: Complex, hop: Complex, w: complex) -> complex:
+        """Return the root of S near w, straight below the real axis; nan if none is found.
+
+        Waves that go from the edge take the motions of a block, times L, to the next: S = w - E_0 - A L. Above the real axis
+        they are those that decay. On the way down they are told from the others as each of their factors, the eigenvalues of
+        L, moves by less than what parts it from the factors of the others.
         """
-        n, size, top = len(roots), self.size, self.highest
-        nearest = np.min(np.abs(self.bands(q).reshape(len(q), -1)[place] - roots.real[:, None]), axis=1)
-        unit = np.minimum(np.maximum(_REACH * np.abs(roots.imag), _DIFFERENCE_STEP * top), 0.5 * nearest)
-        at = (roots.real + unit * _NODES[:, None]).ravel() + 1j * _BAND_BROADENING * top
-        values = self.inverse_green(q, np.tile(place, len(_NODES)), at).reshape(len(_NODES), n, size, size)
-        parts = np.tensordot(np.linalg.inv(chebyshev.chebvander(_NODES, len(_NODES) - 1)), values, 1)
-        t = ((1j * (roots.imag - _BAND_BROADENING * top)) / unit)[:, None, None]
+        from scipy.linalg import ordqz
+        from scipy.optimize import linear_sum_assignment
+
+        size, eye, none = self.size, np.eye(self.size), np.zeros((self.size, self.size))
+        width = -w.imag
+        right = np.block([[eye, none], [none, hop]])
+
+        def solve(w: complex, known: Complex) -> tuple[Complex, Array, Complex]:
+            """Return the factors that continue ``known``, what parts each from those of other waves, and the waves."""
+            found = list[tuple[Complex, Array]]()
+
+            def choose(alpha: Any, beta: Any) -> Any:
+                factors = np.full(2 * size, _FAR, complex)
+                np.divide(alpha, beta, out=factors, where=np.abs(alpha) < _FAR * np.abs(beta))
+                far = np.abs(factors - known[:, None]) if len(known) else np.tile(np.abs(factors), (size, 1))
+                mine = linear_sum_assignment(far)[1]
+                chosen = np.isin(np.arange(2 * size), mine)
+                found.append((factors[mine], np.min(np.abs(factors[mine, None] - factors[~chosen]), axis=1)))
+                return chosen
+
+            left = np.block([[none, eye], [-hop.conj().T, w * eye - inner]])
+            waves = ordqz(left, right, choose, "complex")[5][:, :size]
+            return *found[0], np.asarray(waves, complex)
+
+        def inverse_green(w: complex, waves: Complex) -> Complex:
+            return w * eye - own - hop @ waves[size:] @ np.linalg.inv(waves[:size])
+
         for _ in range(_NEWTON_STEPS):
-            slope = chebyshev.chebval(t, chebyshev.chebder(parts), tensor=False)
-            steps = np.linalg.eigvals(np.linalg.solve(slope, -chebyshev.chebval(t, parts, tensor=False)))
-            step = steps[np.arange(n), np.argmin(np.abs(steps), axis=1)]
-            t = t + step[:, None, None]
-        t, last = t[:, 0, 0], np.abs(chebyshev.chebvander(t[:, 0, 0], len(parts) - 1)[:, -1])
-        tail = last * np.linalg.norm(parts[-1], axis=(1, 2)) / np.linalg.norm(slope, axis=(1, 2))
-        good = (tail <= _TAIL * np.abs(t.imag)) & (np.abs(step) <= _NEWTON_TOLERANCE) if n else np.zeros(0, bool)
-        found = roots.real + unit * t + 1j * _BAND_BROADENING * top
-        return np.where(good, found.real + 1j * np.minimum(found.imag, 0.0), roots), ~good
+            at = complex(w.real, _BAND_BROADENING * self.highest)
+            factors, apart, waves = solve(at, np.zeros(0, complex))
+            step = w.imag - at.imag
+            while at.imag > w.imag:
+                step = max(step, w.imag - at.imag)
+                trial = solve(at + 1j * step, factors)
+                if np.all(np.abs(trial[0] - factors) <= _MOST_MOVED * np.minimum(trial[1], apart)):
+                    (factors, apart, waves), at, step = trial, at + 1j * step, 2.0 * step
+                elif step > -_LEAST_STEP * width:
+                    return complex(np.nan)
+                else:
+                    step *= 0.5
+            inverse, aside = inverse_green(w, waves), _LEAST_STEP * width
+            slope = (inverse_green(w + aside, solve(w + aside, factors)[2]) - inverse) / aside
+            shifts = np.linalg.eigvals(np.linalg.solve(slope, -inverse))
+            shift = shifts[np.argmin(np.abs(shifts))]
+            w = w + shift
+            if not w.imag < 0.0 or abs(shift) < _NEWTON_TOLERANCE * width + _POLE_NOISE * self.highest:
+                return w
+        return complex(np.nan)
 
     # -- topology ----------------------------------------------------------------------------------------------------------
 

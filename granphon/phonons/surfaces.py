@@ -44,7 +44,6 @@ class SurfaceBranches(Result):
     frequencies : (n,) Hz, ascending at each wave vector.
     widths : (n,) full width at half maximum of its line, Hz; zero of a wave that does not leak.
     weight : (n,) part of its kinetic energy in the outer layers, as many as contacts reach across.
-    estimated : (n,) whether the width is no more than a first estimate, which may be off by as much as itself.
     """
 
     qpoints: Annotated[Array, "q 3"]
@@ -52,7 +51,6 @@ class SurfaceBranches(Result):
     frequencies: Annotated[Array, "n", "Hz"]
     widths: Annotated[Array, "n", "Hz"]
     weight: Annotated[Array, "n"]
-    estimated: NDArray[np.bool_]
 
     def __len__(self) -> int:
         return len(self.qpoints)
@@ -99,8 +97,8 @@ class SurfaceSpectrum(Result, array="values"):
             raise InputError("the spectrum holds no waves of the edge", mend="Take Surface.map")
         distances = self.distances if len(self.distances) else np.full(len(self.qpoints), np.nan)
         headings = [("distance", "1/d"), *((f"q{axis}", "") for axis in (1, 2, 3))]
-        headings += [("frequency", "Hz"), ("width", "Hz"), ("weight", ""), ("estimated", "")]
-        own = (waves.frequencies, waves.widths, waves.weight, waves.estimated)
+        headings += [("frequency", "Hz"), ("width", "Hz"), ("weight", "")]
+        own = (waves.frequencies, waves.widths, waves.weight)
         columns = (distances[waves.place], *self.qpoints[waves.place].T, *own)
         write_text(path, table_text([Heading(*one) for one in headings], np.transpose(columns).tolist()))
 
@@ -233,10 +231,10 @@ class Surface:
         """Return the waves of the edge at q (n_q, p - 1): poles outside of the crystal's bands, all of them, to 1e-10.
 
         ``leaky`` adds resonances within the bands, if their width is below a tenth of their frequency and a fiftieth of
-        their energy is in the top layer. Their width is that of the pole below the real axis; where the velocity of a wave
-        of the crystal across the edge nearly vanishes, it is a first estimate. Motions at zero frequency deform no
-        contact and are no waves. ``free`` lists them too, if a thousandth of their energy is in the outer layers, also in a
-        crystal whose bulk has such motions. Wave vectors nearer to Gamma than 1e-4 of the zone lose digits.
+        their energy is in the top layer, and if a pole lies straight below the real axis: it has their frequency and width.
+        Motions at zero frequency deform no contact and are no waves. ``free`` lists them too, if a thousandth of their
+        energy is in the outer layers, also in a crystal whose bulk has such motions. Wave vectors nearer to Gamma than 1e-4
+        of the zone lose digits.
         """
         (fractions, points), unit = self._read(q), self._frequency
         found = [self.half_space.find_waves(fractions)]
@@ -244,11 +242,11 @@ class Surface:
             found.append(self.half_space.find_leaky_waves(fractions))
         if require("free", truth, free):
             found.append(self.half_space.find_free_motions(fractions))
-        place, squares, weight, estimated = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        place, squares, weight = (np.concatenate(parts) for parts in zip(*found, strict=True))
         roots = np.sqrt(squares.astype(complex)) * unit
         order = np.lexsort((roots.real, place))
         widths = np.maximum(-2.0 * roots.imag, 0.0)
-        return SurfaceBranches(points, place[order], roots.real[order], widths[order], weight[order], estimated[order])
+        return SurfaceBranches(points, place[order], roots.real[order], widths[order], weight[order])
 
     def follow(self, q: ArrayLike, frequency: float) -> Array:
         """Return frequencies (n_q,), Hz, along q (n_q, p - 1), of the wave with about this ``frequency``, Hz, at the first.

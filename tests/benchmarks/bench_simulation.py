@@ -162,11 +162,12 @@ def near_threshold(repeats: int) -> list[Row]:
         stencils = Stencils(x.shape)
 
         def before(of: Callable[[], Any], stencils: Stencils = stencils) -> Any:
+            def choose(self: Any, stiffness: Array, hard: bool = False, product: Any = None) -> Any:
+                return stencils.preconditioner(stiffness)
+
             with (
                 mock.patch.object(module, "_CLOSED_ON_SITES", 0.0),
-                mock.patch.object(
-                    module.Preconditioners, "choose", lambda self, stiffness, hard=False: stencils.preconditioner(stiffness)
-                ),
+                mock.patch.object(module.Preconditioners, "choose", choose),
             ):
                 return of()
 
