@@ -25,7 +25,6 @@ import os
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -177,9 +176,8 @@ class NonlinearWaves:
         overlap = exponent * force / stiffness
         self._known = powers = Powers(exponent, force / overlap**exponent, overlap)
         # Hertz's coefficients go with the root of the radius of contacts, and a power has one whatever the balls
-        radii = np.ones_like(network.radii) if isinstance(law, PowerLaw) else network.radii
-        self._size = partial(_root_radius, radii)
-        each = powers.coefficient / self._size(network.i, network.j)
+        self._sizes = np.ones_like(network.radii) if isinstance(law, PowerLaw) else network.radii
+        each = powers.coefficient / _root_radius(self._sizes, network.i, network.j)
 
         def find(*pair: str) -> tuple[Any, Any]:
             alike = pairs.get(pair, slice(None))
@@ -190,24 +188,24 @@ class NonlinearWaves:
         self._find = find
         return powers
 
-    def _join_laws(self, i: Index, j: Index) -> tuple[Powers | PairLaws, Array, dict[int, str]]:
+    def _join_laws(self, i: Index, j: Index) -> tuple[Powers | PairLaws, Array, list[tuple[Index, str]]]:
         """Return the laws of the contacts and of pairs (i, j) beside, which just touch, and kappa/k of these pairs.
 
         Pairs without a law do not push: the numbers of their contacts come with what is wrong once they meet.
         """
-        known, n, groups, unknown = self._known, self.network.n_contacts, [], dict[int, str]()
+        known, n, groups, unknown = self._known, self.network.n_contacts, [], list[tuple[Index, str]]()
         overlap, ratio = np.append(self.overlap, np.zeros(len(i))), np.zeros(len(i))
         for pair, at in self._group(i, j).items():
             try:
                 law, ratio[at] = self._find(*pair)
                 groups.append((law, n + at))
             except InputError as error:
-                unknown |= dict.fromkeys((n + at).tolist(), str(error).rstrip("."))
+                unknown.append((n + at, str(error).rstrip(".")))
         if isinstance(known, Springs):
             return _take_laws(Springs([*known.groups, *groups], len(overlap)), overlap, len(i)), ratio, unknown
         coefficient = np.append(known.coefficient, np.zeros(len(i)))
         for each, at in groups:
-            coefficient[at] = each * self._size(i[at - n], j[at - n])
+            coefficient[at] = each * _root_radius(self._sizes, i[at - n], j[at - n])
         return Powers(known.exponent, coefficient, overlap), ratio, unknown
 
     def _group(self, i: Index, j: Index) -> dict[tuple[str, ...], Index]:
@@ -244,9 +242,9 @@ class NonlinearWaves:
             read at any time, and after the program was killed.
         progress : is told how many frames are done.
 
-        A run that Ctrl-C stops, one whose balls leave their places by half of their diameter (geometry "lattice"), or one
-        for whose contacts the given ``step`` becomes too long, ends there with a
-        :class:`~granphon.base.errors.StoppedEarlyWarning`, and returns what there is. Where contacts become wider than the
+        A run that Ctrl-C stops, one whose balls leave their places by half of their diameter (geometry "lattice") or meet
+        others without a known law ("exact"), or one for whose contacts the given ``step`` becomes too long, ends there with
+        a :class:`~granphon.base.errors.StoppedEarlyWarning`, and returns what there is. Where contacts become wider than the
         law allows (:func:`~granphon.validity`), there is a :class:`~granphon.base.errors.LimitWarning`.
 
         Raises :class:`~granphon.base.errors.InputError` for shapes and numbers that are not allowed, a drive of nothing or
@@ -397,14 +395,13 @@ class _System:
         # Hertz's radius of a contact over that of the smaller ball, over the root of the overlap
         self._wide = _root_radius(radii, *ends) / np.minimum(*(radii[end] for end in ends))
         if waves.geometry == "exact":
-            normal, ratio, unknown = waves._join_laws(i, j) if len(i) else (normal, np.zeros(0), {})
+            normal, ratio, self._unknown = waves._join_laws(i, j) if len(i) else (normal, np.zeros(0), [])
             rest = waves.normal.rest
             motions = self.operator.motions
             planar = {*motions.translations} <= {0, 1} and {*motions.rotations} <= {2}
             planar = planar and not any(np.any(one[..., 2]) for one in (self.network.normal, *(a for _, a in self.moved)))
             kind = PlaneDirections if planar else TrueDirections
             more = (i, j, shift, ratio)
-            self._unknown, self._said = np.array([*unknown], np.intp), [*unknown.values()]
             self.where: Any = kind(self.operator, self.fixed, self.moved, rest, more, self._bulge, normal.divides)
         else:
             self.where = self.fixed
@@ -486,8 +483,6 @@ class _System:
             if self.waves.geometry == "exact":
                 self._watch(ways)
             moved = advance(ways, lifts)
-            if np.any(meet := self.touch.e[self._unknown] < 0.0):
-                raise _Stop(self._said[int(np.argmax(meet))])
             if len(lifts):
                 self.worked[2] += float(0.5 * (self.lifts + lifts) @ (self._push @ moved))
             self.ways, self.lifts = ways, lifts
@@ -504,7 +499,7 @@ class _System:
     def _begin(self, x: Array, v: Array, step: float) -> None:
         """Let contacts be those of the network, and the time be zero."""
         none = np.zeros(0, np.intp)
-        self._keys, self._unknown = dict[tuple[int, ...], int](), none
+        self._keys: dict[tuple[int, ...], int] = {}
         self._join(none, none, np.zeros((0, 3), np.intp))
         where, forces = self.where, self.forces
         self.x, self.v, self.step, self.widest = x.copy(), v.copy(), step, 0.0
@@ -646,9 +641,14 @@ class _System:
         return found
 
     def _watch(self, ways: Array) -> None:
-        """List anew the balls that may meet, if one may move in a step to ``ways`` by more than half of the margin."""
+        """List anew the balls that may meet, if one may move in a step to ``ways`` by more than half of the margin.
+
+        Ends the run where balls without a law have met.
+        """
         from scipy.linalg.blas import idamax
 
+        if met := [said for at, said in self._unknown if np.any(self.touch.e[at] < 0.0)]:
+            raise _Stop(met[0])
         speed = math.sqrt(3.0) * abs(float(self.v[idamax(self.v)])) / self._lightest  # no ball is faster
         self._travelled += self.step * speed + (float(np.max(np.abs(ways - self.ways))) if len(ways) else 0.0)
         if self._travelled > 0.5 * self._skin:
