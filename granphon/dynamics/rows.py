@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.contact_table import contact_frames
 from granphon.balls.motions import Motions
 from granphon.base.arrays import Array
+from granphon.base.errors import InputError
 from granphon.networks.network import ContactNetwork
 
 #: half angle below which sin h - h cos h is summed as a series
@@ -55,18 +56,9 @@ class Row(NamedTuple):
 
 
 def contact_rows(
-    normal: Array,
-    arm_i: Array,
-    arm_j: Array,
-    motions: Motions,
-    *,
-    elongation: ArrayLike = 1.0,
-    slip: ArrayLike = 0.0,
-    twist: ArrayLike = 0.0,
-    roll: ArrayLike = 0.0,
-    gyration_i: ArrayLike = 1.0,
-    gyration_j: ArrayLike = 1.0,
-) -> list[Row]:
+    normal: Array, arm_i: Array, arm_j: Array, motions: Motions, *, elongation: ArrayLike = 1.0, slip: ArrayLike = 0.0,
+    twist: ArrayLike = 0.0, roll: ArrayLike = 0.0, gyration_i: ArrayLike = 1.0, gyration_j: ArrayLike = 1.0,
+) -> list[Row]:  # fmt: skip
     """Return the deformations that are resisted and that the motions can make: elongation, slip, twist, roll, in this order.
 
     Parameters
@@ -100,13 +92,19 @@ def find_gyration(network: ContactNetwork) -> Array:
 
 
 def network_rows(network: ContactNetwork) -> list[Row]:
-    """Return the deformations of the contacts of a network by u and w = R_g phi of its balls; their stiffness is in N/m."""
-    gyration = find_gyration(network)
-    return contact_rows(
-        network.normal[:, : network.dimension], network.arm_i, network.arm_j, network.ball_motions,
+    """Return the deformations of the contacts of a network by u and w = R_g phi of its balls; their stiffness is in N/m.
+
+    Raises :class:`~granphon.base.errors.InputError` if there are none.
+    """
+    gyration, motions = find_gyration(network), network.ball_motions
+    found = contact_rows(
+        network.normal[:, : network.dimension], network.arm_i, network.arm_j, motions,
         elongation=network.normal_stiffness, slip=network.shear_stiffness, twist=network.torsion_stiffness,
         roll=network.bending_stiffness, gyration_i=gyration[network.i], gyration_j=gyration[network.j],
     )  # fmt: skip
+    if not found:
+        raise InputError(f"the motions {motions.name!r} deform no contact of this network")
+    return found
 
 
 def push_rows(normal: Array, motions: Motions) -> list[Row]:

@@ -581,11 +581,12 @@ class Crystal(Result):
         split = np.split(order, np.searchsorted(number[order], np.arange(1, len(pairs))))[: len(pairs)]
         return Springs([(law, at) for law, at in zip(laws, split, strict=True)], len(number))
 
-    def law_of(self, i: int, j: int) -> PairLaw:
-        """Return the law of balls i and j; numbers from that of the balls on are floors."""
+    def law_of(self, i: int, j: int) -> tuple[PairLaw, float]:
+        """Return the law of balls i and j, and kappa/k; numbers from that of the balls on are floors."""
         names, bodies = (*self.names, RIGID_PLANE.name), list[Body]([*self.kinds, RIGID_PLANE])
         one, two = (int(self.kind[at]) if at < self.n_balls else -1 for at in (i, j))
-        return law_of_pair(self.law, bodies[one], bodies[two], names[one], names[two])
+        ratio = ContactConstants.of(bodies[one], bodies[two]).mindlin_ratio if self.friction else 0.0
+        return law_of_pair(self.law, bodies[one], bodies[two], names[one], names[two]), ratio
 
     def touch(self) -> CrystalState:
         """Return the crystal as its balls touch, without load; stiffnesses are those at overlaps of 1e-6 of distances."""

@@ -92,7 +92,7 @@ def _of_each(name: str, what: str) -> Callable[[Springs, Array], Array]:
     """Return the method that finds a quantity of all contacts, each by its law."""
 
     def find(springs: Springs, values: Array) -> Array:
-        out = np.empty(springs.count)
+        out = np.zeros(springs.count)
         for law, contacts in springs.groups:
             out[contacts] = getattr(law, name)(values[contacts])
         return out
@@ -102,7 +102,7 @@ def _of_each(name: str, what: str) -> Callable[[Springs, Array], Array]:
 
 
 class Springs:
-    """The laws of all contacts: a law for each group of them, as functions of the overlaps (n_c,)."""
+    """The laws of contacts: a law for each group of them, as functions of the overlaps (n_c,); others never push."""
 
     def __init__(self, groups: Sequence[tuple[PairLaw, Index]], count: int) -> None:
         self.groups, self.count = groups, count

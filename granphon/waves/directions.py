@@ -139,8 +139,9 @@ class FixedDirections(_Directions):
 class TrueDirections(_Directions):
     """Deformations in the true directions. Slips and rolls are vectors: slip has three rows, twist one, roll three.
 
-    ``rest`` (n_c,) are the normal forces of the network at rest, and ``more`` contacts (i, j, shift) besides, which begin to
-    push where the distance of two balls is that of their radii and a ``bulge``. A contact has of the motions of its balls
+    ``rest`` (n_c,) are the normal forces of the network at rest, and ``more`` contacts (i, j, shift, kappa/k) besides, which
+    begin to push where the distance of two balls is that of their radii and a ``bulge``. Their twists and rolls are resisted
+    as in the mean of contacts, with the square of the distance of the balls. A contact has of the motions of its balls
     their displacements across it; the sum of their rotations, each times the part of |r| that is its arm; the rotation of
     ball j less that of i, where something resists it; and the sum of both, where arms are not the same.
     """
@@ -154,10 +155,10 @@ class TrueDirections(_Directions):
 
     def __init__(
         self, operator: WaveOperator, fixed: FixedDirections, moved: list[tuple[Index, Array]], rest: Array,
-        more: tuple[Index, Index, Index], bulge: float, divides: bool,
+        more: tuple[Index, Index, Index, Array], bulge: float, divides: bool,
     ) -> None:  # fmt: skip
         network, motions, self.top = operator.network, operator.motions, fixed.top
-        (i, j, shift), extra = more, len(more[0])
+        (i, j, shift, ratio), extra = more, len(more[0])
         ends = i_of, j_of = np.concatenate([network.i, i]), np.concatenate([network.j, j])
         flat, n = np.isinf(network.distance), len(i_of)
         vectors = np.where(flat[:, None], network.normal, network.vector)
@@ -171,9 +172,14 @@ class TrueDirections(_Directions):
         self._square = np.sum(self._r**2, axis=0)
         self._length = np.sqrt(self._square)
         self._walls = walls = np.flatnonzero(np.concatenate([flat, at_wall]))  # r is the normal, of length one
-        stiffness = (network.shear_stiffness, network.torsion_stiffness, network.bending_stiffness)
-        slip, twist, roll = (
-            np.append(one := each / network.normal_stiffness, np.full(extra, np.mean(one))) for each in stiffness
+        # arms share the distance, so that torques balance the moment of forces across contacts
+        arm = np.concatenate([network.arm_i, network.radii[i]])
+        arms = arm + np.concatenate([network.arm_j, np.where(at_wall, 0.0, network.radii[j])])
+        slip = np.append(network.shear_stiffness / network.normal_stiffness, ratio)
+        own, new = np.split(arms**2, [network.n_contacts])
+        twist, roll = (
+            np.append(one := each / network.normal_stiffness, np.mean(one / own) * new)
+            for each in (network.torsion_stiffness, network.bending_stiffness)
         )
         held = np.zeros((3, n))
         if network.tangential_force is not None:
@@ -181,9 +187,7 @@ class TrueDirections(_Directions):
         self.ratio, self.held = self._list_rows(slip, twist, roll, held)
         self.count, rolls = 1 + len(self.ratio), len(self.ratio) > self.slips
         self._rest = share(np.append(rest, np.zeros(extra)))
-        # arms share the distance, so that torques balance the moment of forces across contacts
-        arm = np.concatenate([network.arm_i, network.radii[i]])
-        near = arm / (arm + np.concatenate([network.arm_j, np.where(at_wall, 0.0, network.radii[j])]))
+        near = arm / arms
         other = 1.0 - near
         near[walls], other[walls] = arm[walls], 0.0
         turns = [(near, other), (-1.0, 1.0)][: 1 + rolls]

@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike
 
 from granphon.balls import hertz
 from granphon.balls.ball import RIGID_PLANE
-from granphon.balls.contact_laws import DMT, JKR, Hertz, PairLaw, PowerLaw, law_between
+from granphon.balls.contact_laws import DMT, JKR, Hertz, PowerLaw, law_between
 from granphon.balls.contact_table import find_pairs, select_once
 from granphon.balls.hertz import HertzLaw
 from granphon.base.arrays import Array, Index
@@ -146,56 +146,75 @@ class NonlinearWaves:
         return self.normal.overlap
 
     def _find_laws(self, law: Any, state: CrystalState | None, unloaded: bool) -> Powers | PairLaws:
-        """Return the laws of the contacts, and keep them with the law of any pair, or as powers that follow radii."""
-        force, stiffness = self.network.normal_force, self.network.normal_stiffness
-        self._known: Powers | tuple[Springs, Callable[[int, int], PairLaw]]
+        """Return the laws of the contacts; keep them, and what finds the law of two kinds that meet, and kappa/k."""
+        network, force, stiffness = self.network, self.network.normal_force, self.network.normal_stiffness
+        self._known: Powers | Springs
+        self._find: Callable[..., tuple[Any, Any]]
+        pairs = self._group(network.i, network.j)
         crystal = state.crystal if state is not None and law is None else law
         if isinstance(crystal, Crystal) and not (unloaded and law is not None):
-            find = self._find_kinds(crystal)
-            self._known = springs, _ = Springs(self._group(find, self.network.i, self.network.j), force.size), find
-            return _take_laws(springs, springs.overlap(np.zeros_like(force) if unloaded else force))
+            first = {RIGID_PLANE.name: crystal.n_balls}
+            first |= {name: int(np.argmax(crystal.kind == at)) for at, name in enumerate(crystal.names)}
+            if not network.kinds or not set(network.kinds) <= set(first):
+                raise InputError("the balls of the network are not of the kinds of the crystal", mend="Give a law")
+            self._find = lambda one, other: crystal.law_of(first[one], first[other])
+            self._known = Springs([(self._find(*pair)[0], at) for pair, at in pairs.items()], force.size)
+            return _take_laws(self._known, self._known.overlap(np.zeros_like(force) if unloaded else force))
+        eta = network.shear_stiffness / stiffness
         if unloaded or isinstance(law, DMT | JKR):
             why = "Its contacts are those of balls of known materials, or of no load"
             raise InputError(f"law is {brief(law)}", why, "Give the law to the Crystal, and the Crystal here")
         if not isinstance(law, Hertz | PowerLaw | None):
             one = law_between(law, RIGID_PLANE, RIGID_PLANE)
-            self._known = springs, _ = Springs([(one, np.arange(force.size))], force.size), lambda *_: one
-            return _take_laws(springs, np.asarray(one.overlap(force), float))
+            self._find = lambda *pair: (one, np.mean(eta[pairs.get(pair, slice(None))]))
+            self._known = Springs([(one, np.arange(force.size))], force.size)
+            return _take_laws(self._known, np.asarray(one.overlap(force), float))
         if not np.all(force > 0.0):
             what = f"{np.count_nonzero(force <= 0.0)} of {force.size} contacts have no force"
             raise InputError(what, "Their overlap is not known", "Press the network, leave them out, or give a Crystal")
         exponent = law.exponent if isinstance(law, PowerLaw) else hertz.EXPONENT
         overlap = exponent * force / stiffness
         self._known = powers = Powers(exponent, force / overlap**exponent, overlap)
+        # Hertz's coefficients go with the root of the radius of contacts, and a power has one whatever the balls
+        self._sizes = np.ones_like(network.radii) if isinstance(law, PowerLaw) else network.radii
+        each = powers.coefficient / _root_radius(self._sizes, network.i, network.j)
+
+        def find(*pair: str) -> tuple[Any, Any]:
+            alike = pairs.get(pair, slice(None))
+            if np.ptp(each[alike]) > _ALIKE * np.mean(each[alike]):
+                raise InputError(f"contacts of {pair} have no law that is known", mend="Give a Crystal")
+            return np.mean(each[alike]), np.mean(eta[alike])
+
+        self._find = find
         return powers
 
-    def _join_laws(self, i: Index, j: Index) -> Powers | PairLaws:
-        """Return the laws of the contacts and of pairs (i, j) beside, which just touch."""
-        network, known, overlap = self.network, self._known, np.append(self.overlap, np.zeros(len(i)))
-        if isinstance(known, Powers):
-            one = known.coefficient / _root_radius(network.radii, network.i, network.j)
-            if np.ptp(one) > _ALIKE * np.mean(one):
-                what = "balls of unlike materials come to touch"
-                raise InputError(what, "Their contact law is not known", "Give a Crystal")
-            more = np.mean(one) * _root_radius(network.radii, i, j)
-            return Powers(known.exponent, np.append(known.coefficient, more), overlap)
-        groups = [(law, network.n_contacts + at) for law, at in self._group(known[1], i, j)]
-        return _take_laws(Springs([*known[0].groups, *groups], len(overlap)), overlap, len(i))
+    def _join_laws(self, i: Index, j: Index) -> tuple[Powers | PairLaws, Array, list[tuple[Index, str]]]:
+        """Return the laws of the contacts and of pairs (i, j) beside, which just touch, and kappa/k of these pairs.
 
-    def _group(self, find: Callable[[int, int], PairLaw], i: Index, j: Index) -> list[tuple[PairLaw, Index]]:
-        """Return the law of each pair of kinds of balls, and the numbers of the contacts (i, j) that have it."""
-        kinds = self.network.kinds or ("",) * self.network.n_balls
-        pairs = [(kinds[one], kinds[other]) for one, other in zip(i.tolist(), j.tolist(), strict=True)]
-        last = {pair: at for at, pair in enumerate(pairs)}
-        return [(find(int(i[at]), int(j[at])), np.flatnonzero([pair == one for pair in pairs])) for one, at in last.items()]
+        Pairs without a law do not push: the numbers of their contacts come with what is wrong once they meet.
+        """
+        known, n, groups, unknown = self._known, self.network.n_contacts, [], list[tuple[Index, str]]()
+        overlap, ratio = np.append(self.overlap, np.zeros(len(i))), np.zeros(len(i))
+        for pair, at in self._group(i, j).items():
+            try:
+                law, ratio[at] = self._find(*pair)
+                groups.append((law, n + at))
+            except InputError as error:
+                unknown.append((n + at, str(error).rstrip(".")))
+        if isinstance(known, Springs):
+            return _take_laws(Springs([*known.groups, *groups], len(overlap)), overlap, len(i)), ratio, unknown
+        coefficient = np.append(known.coefficient, np.zeros(len(i)))
+        for each, at in groups:
+            coefficient[at] = each * _root_radius(self._sizes, i[at - n], j[at - n])
+        return Powers(known.exponent, coefficient, overlap), ratio, unknown
 
-    def _find_kinds(self, crystal: Crystal) -> Callable[[int, int], PairLaw]:
-        """Return the law of two balls of the network by their kinds, which are those of a crystal."""
-        kinds, first = self.network.kinds or (), {RIGID_PLANE.name: crystal.n_balls}
-        first |= {name: int(np.argmax(crystal.kind == at)) for at, name in enumerate(crystal.names)}
-        if not kinds or not set(kinds) <= set(first):
-            raise InputError("the balls of the network are not of the kinds of the crystal", mend="Give a law")
-        return lambda i, j: crystal.law_of(first[kinds[i]], first[kinds[j]])
+    def _group(self, i: Index, j: Index) -> dict[tuple[str, ...], Index]:
+        """Return the numbers of the contacts (i, j) of each pair of kinds of balls."""
+        kinds = self.network.kinds or np.where(np.isinf(self.network.radii), RIGID_PLANE.name, "ball")
+        names, code = np.unique(kinds, return_inverse=True)
+        keys = np.min(code[[i, j]], axis=0) * len(names) + np.max(code[[i, j]], axis=0)
+        pairs = {key: divmod(key, len(names)) for key in np.unique(keys).tolist()}
+        return {(str(names[one]), str(names[two])): np.flatnonzero(keys == key) for key, (one, two) in pairs.items()}
 
     def run(
         self, duration: float, positions: ArrayLike | None = None, velocities: ArrayLike | None = None,
@@ -223,9 +242,9 @@ class NonlinearWaves:
             read at any time, and after the program was killed.
         progress : is told how many frames are done.
 
-        A run that Ctrl-C stops, one whose balls leave their places by half of their diameter (geometry "lattice"), or one
-        for whose contacts the given ``step`` becomes too long, ends there with a
-        :class:`~granphon.base.errors.StoppedEarlyWarning`, and returns what there is. Where contacts become wider than the
+        A run that Ctrl-C stops, one whose balls leave their places by half of their diameter (geometry "lattice") or meet
+        others without a known law ("exact"), or one for whose contacts the given ``step`` becomes too long, ends there with
+        a :class:`~granphon.base.errors.StoppedEarlyWarning`, and returns what there is. Where contacts become wider than the
         law allows (:func:`~granphon.validity`), there is a :class:`~granphon.base.errors.LimitWarning`.
 
         Raises :class:`~granphon.base.errors.InputError` for shapes and numbers that are not allowed, a drive of nothing or
@@ -312,7 +331,7 @@ def _take_laws(springs: Springs, overlap: Array, apart: int = 0) -> Powers | Pai
     exponents = {getattr(one, "exponent", hertz.EXPONENT) for one, _ in springs.groups}
     if len(exponents) > 1 or not all(isinstance(one, HertzLaw | PowerLaw) for one, _ in springs.groups):
         return PairLaws(springs, overlap, apart)
-    coefficient = np.empty(len(overlap))
+    coefficient = np.zeros(len(overlap))
     for one, at in springs.groups:
         coefficient[at] = one.coefficient  # type: ignore[attr-defined]  # a power
     return Powers(exponents.pop(), coefficient, overlap)
@@ -370,19 +389,19 @@ class _System:
         self._skin = _SKIN * 2.0 * float(np.mean(self.network.radii[self.network.moving]))
 
     def _join(self, i: Index, j: Index, shift: Index) -> None:
-        """Let contacts be those of the network and some more."""
+        """Let contacts be those of the network and some more; contacts without a law end the run when they close."""
         waves, normal, radii = self.waves, self.waves.normal, self.network.radii
         ends = np.append(self.network.i, i), np.append(self.network.j, j)
         # Hertz's radius of a contact over that of the smaller ball, over the root of the overlap
         self._wide = _root_radius(radii, *ends) / np.minimum(*(radii[end] for end in ends))
         if waves.geometry == "exact":
-            normal = waves._join_laws(i, j) if len(i) else normal
+            normal, ratio, self._unknown = waves._join_laws(i, j) if len(i) else (normal, np.zeros(0), [])
             rest = waves.normal.rest
             motions = self.operator.motions
             planar = {*motions.translations} <= {0, 1} and {*motions.rotations} <= {2}
             planar = planar and not any(np.any(one[..., 2]) for one in (self.network.normal, *(a for _, a in self.moved)))
             kind = PlaneDirections if planar else TrueDirections
-            more = (i, j, shift)
+            more = (i, j, shift, ratio)
             self.where: Any = kind(self.operator, self.fixed, self.moved, rest, more, self._bulge, normal.divides)
         else:
             self.where = self.fixed
@@ -622,9 +641,14 @@ class _System:
         return found
 
     def _watch(self, ways: Array) -> None:
-        """List anew the balls that may meet, if one may move in a step to ``ways`` by more than half of the margin."""
+        """List anew the balls that may meet, if one may move in a step to ``ways`` by more than half of the margin.
+
+        Ends the run where balls without a law have met.
+        """
         from scipy.linalg.blas import idamax
 
+        if met := [said for at, said in self._unknown if np.any(self.touch.e[at] < 0.0)]:
+            raise _Stop(met[0])
         speed = math.sqrt(3.0) * abs(float(self.v[idamax(self.v)])) / self._lightest  # no ball is faster
         self._travelled += self.step * speed + (float(np.max(np.abs(ways - self.ways))) if len(ways) else 0.0)
         if self._travelled > 0.5 * self._skin:

@@ -213,6 +213,8 @@ class Course:
         held = np.unique(np.where(self.crossings[cut] > 0, network.i[cut], network.j[cut]))
         masses = np.array(network.masses)
         masses[held] = math.inf
+        if not np.any(np.isfinite(masses)):
+            raise InputError("no ball moves between the walls", "They hold all", "Take a longer array, or other ends")
         # the wall in front of the first balls is the one behind the last, a period earlier
         face = float(np.max(self.places[held])) - self.period
         return replace(self, network=replace(network, masses=masses), face=face)

@@ -94,6 +94,8 @@ _SOLUTIONS = 4
 _UNSURE, _UNKNOWN = 1e-6, 1e-2
 #: part of the source that is left by Lanczos, from which on rounding is all that is left
 _ROUNDING = 1e-16
+#: what is left over the source, from which on a frequency is never found
+_LOST = 1e100
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -643,7 +645,7 @@ class _Problem:
             own = space.product(current, following)
             following = add(current, following, a=-own)
             pivot = own - space.shifts - above * below / pivot
-            part *= np.abs(below / np.where(pivot == 0.0, np.finfo(float).tiny, pivot))
+            part = np.minimum(part * np.abs(below / np.where(pivot == 0.0, np.finfo(float).tiny, pivot)), _LOST)
             below, length = np.sqrt(space.product(following, following)), math.sqrt(np.vdot(following, following).real)
             bands[:, step - 1] = above, own, below
             largest = max(largest, length, abs(own))
@@ -664,7 +666,7 @@ class _Problem:
                 enough = _ROUNDING * abs(size) * growth if np.any(found) else 0.0
                 left[place] = not complete and cut > tolerance and rest > enough
                 look[place] = rest / abs(size) * max(0.5 * tolerance / cut, _NEXT) if left[place] else 0.0
-            if complete or not np.any(left):
+            if complete or not np.any(left & (part < _LOST)):
                 break
             before, current = current, following
             current /= below

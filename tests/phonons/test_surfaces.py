@@ -350,6 +350,7 @@ def test_the_winding_counts_the_motions_at_the_edges_that_cost_nothing(axis):
         (lambda: gp.Surface(bulk("square"), 2), "axis is 2"),
         (lambda: gp.Surface(bulk("square").cut(0, 3).cut(0, 3), 0), "no period"),
         (lambda: gp.Surface(bulk("square"), 0, "glued"), "allowed: free, clamped, floor"),
+        (lambda: gp.Surface(replace(bulk("square", "out_of_plane"), shear_stiffness=np.zeros(2)), 0), "deform no contact"),
         (lambda: gp.Surface(3, 0), "no network of contacts"),
         (lambda: gp.Surface(bulk("square"), 0).branches([[0.1, 0.1]]), "shape (1, 2)"),
         (lambda: gp.Surface(bulk("square"), 0).branches([[0.1, 0.1, 0.0]]), "leaves the edge"),

@@ -216,7 +216,7 @@ def test_crystals_move_by_their_own_law(law, same, tmp_path):
     if same is not None:
         found = gp.NonlinearWaves(network, same).run(5e-4, velocities=velocities)
         assert_allclose(motion.forces, found.forces, rtol=1e-9, atol=1e-9)
-    own, moved = crystal.law_of(0, 1), motion.displacements[:, :, 0]
+    own, moved = crystal.law_of(0, 1)[0], motion.displacements[:, :, 0]
     overlap = own.overlap(10.0) + network.normal[:, 0] * (moved[:, network.i] - moved[:, network.j])
     closed = overlap > getattr(own, "least_overlap", 0.0)
     assert_allclose(motion.forces, np.where(closed, own.force(overlap), 0.0), rtol=1e-6, atol=1e-6)

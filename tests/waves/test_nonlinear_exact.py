@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import granphon as gp
-from granphon.base.errors import InputError
+from granphon.base.errors import InputError, StoppedEarlyWarning
 from tests.networks.test_cuts import D, bulk
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
@@ -162,6 +162,53 @@ def test_balls_that_meet_have_their_own_law(law, given):
     highest = waves.run(0.03 * D / 2.0, **meeting()[1], frames=1201).peaks()[1][2]
     pair = law.between(kinds[0], kinds[2])
     assert_allclose(pair.energy(pair.overlap(highest)), 0.25 * MASS * 2.0**2, rtol=1e-3)
+
+
+def unlike(laws):
+    """A chain of three materials, whose ends do not touch; the laws of their pairs."""
+    materials = STEEL, gp.Material(100e9, 0.34, 8500.0), gp.Material(3e9, 0.42, 1150.0)
+    kinds = [gp.Ball(one, D, name=name) for one, name in zip(materials, "ABC", strict=True)]
+    return gp.Crystal(kinds, [], D * np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]), law=dict.fromkeys(laws, gp.Hertz()))
+
+
+def test_kinds_without_a_law_end_a_run_where_they_meet():
+    """What was before is kept, and the kinds are told; balls that come near and do not meet go on."""
+    waves, (_, start) = gp.NonlinearWaves(unlike([("A", "B"), ("B", "C")]), geometry="exact"), meeting()
+    with pytest.warns(StoppedEarlyWarning, match=r"law has none for contacts of \('A', 'C'\)"):
+        motion = waves.run(0.03 * D / 2.0, **start, frames=1201)
+    assert_allclose(motion.times[-1], 0.01 * D / 2.0, rtol=0.01)
+    assert_allclose(motion.velocities[-1, 2, 0], 2.0)
+    past = D * np.array([[0.0, 0.0], [0.0, 3.0], [-1.01, -0.5]])
+    assert len(waves.run(0.5 * D, past, [[0, 0], [0, 0], [0, 2.0]], frames=9).times) == 9
+
+
+def test_balls_that_meet_resist_shear_as_their_own_pair():
+    """T = kappa s, with kappa = 8 G* a of the two materials, and not the mean of contacts."""
+    crystal = unlike([("A", "B"), ("B", "C"), ("A", "C")])
+    deep, step, speed = 1e-6 * D, 1e-9, 1e-3
+    places = D * np.array([[0.0, 0.0], [0.0, 3.0], [-1.0 + deep / D, 0.0]])
+    waves = gp.NonlinearWaves(crystal, geometry="exact")
+    motion = waves.run(step, places, [[0.0, 0.0], [0.0, 0.0], [0.0, speed]], frames=2, step=step)
+    one, other = crystal.kinds[0].material, crystal.kinds[2].material
+    compliance = sum((2.0 - each.poisson_ratio) / each.shear_modulus for each in (one, other))
+    assert_allclose(motion.shears[-1, 2], 8.0 / compliance * math.sqrt(0.25 * D * deep) * speed * step, rtol=1e-6)
+
+
+@pytest.mark.parametrize("law", [None, gp.PowerLaw(2.0, 1e13)])
+def test_balls_over_a_floor_meet_others(law):
+    """Their law is that of contacts of balls, also where those with the floor have another, or the same."""
+    column = gp.Crystal.on("square", [BALL], law=law).cut(1, 2, edges=("floor", "free")).repeat((4,))
+    waves = gp.NonlinearWaves(column.at_pressure(1.0).network, law, geometry="exact")
+    balls = np.flatnonzero(waves.network.moving)
+    upper = balls[waves.network.positions[balls, 1] > 0.5 * D]
+    places, speeds = waves.network.positions.copy(), np.zeros((waves.network.n_balls, 3))
+    places[upper] = D * np.array([[0.0, 9.0, 0.0], [0.0, 20.0, 0.0], [1.001, 9.0, 0.0], [0.0, 30.0, 0.0]])
+    speeds[upper[2], 0] = -2.0
+    motion = waves.run(0.012 * D / 2.0, places, speeds, frames=601)
+    assert motion.met.tolist() == [[upper[0], upper[2]]]
+    highest = motion.peaks()[1][-1]
+    one = (law or gp.Hertz()).between(BALL, BALL)
+    assert_allclose(one.energy(one.overlap(highest)), 0.25 * MASS * 2.0**2, rtol=1e-3)
 
 
 def test_contacts_that_carry_nothing_at_rest_do_not_push_there():

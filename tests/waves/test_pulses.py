@@ -302,6 +302,8 @@ def test_open_network_has_the_ends_that_it_has():
     np.testing.assert_allclose(other.signals, one.signals, atol=1e-12 * np.max(np.abs(one.signals)))
     with pytest.raises(InputError, match="no place for walls"):
         opened.transmit(0.4 * HERTZ, (1,), 20.0 * D, ends="walls")
+    with pytest.raises(InputError, match="no ball moves between the walls"):
+        gp.Waves(chain(1)).transmit(0.4 * HERTZ, (1,), 0.9 * D, ends="walls")
 
 
 @pytest.mark.parametrize("ends", ["periodic", "free", "walls"])

@@ -298,6 +298,14 @@ def test_large_network_takes_a_krylov_space_and_factors_where_nothing_is_lost():
         waves.response(hertz[-1:], *places, method="krylov")
 
 
+def test_a_krylov_space_that_grows_without_bound_is_one_error():
+    waves = gp.Waves(ideal("triangular", 0.5).repeat((3, 1)).cut(1, 3, ("clamped", "free")))
+    times, losses = np.random.default_rng(1).random((2, waves.network.n_contacts))
+    loss, hertz = {"damping": (times / OMEGA, 0.0), "loss_factor": (0.5 * losses, 0.1)}, np.linspace(0.1, 1.0, 4) * HERTZ
+    with pytest.raises(ConvergenceError, match="not found by a Krylov space"):
+        waves.response(hertz, (4, "x"), (7, "y"), **loss, method="krylov")
+
+
 def test_receiver_that_hears_nothing_is_no_resonance():
     # across a line of balls that is pushed along itself nothing moves; and far above the band less than the least number
     network = ideal("square", 0.5).repeat((1, 1)).cut(1, 8)
