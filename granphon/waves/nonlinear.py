@@ -375,15 +375,9 @@ class _System:
         self.fixed = FixedDirections(operator, self.moved, waves.normal.divides)
         self._ways = [one.displacement for one in drives if one.displacement is not None]
         self._lifts = [one.force for one in drives if one.force is not None]
-
-        def field(balls: Index, along: Array, weight: Array) -> Array:
-            vector, axes = np.zeros(operator.size), list(operator.motions.translations)
-            vector[operator.places[balls, : len(axes)]] = along[axes] * weight[balls, None]
-            return vector
-
-        rooted = np.sqrt(np.where(self.network.moving, masses, 1.0))
-        self._push = np.array([field(*one, 1.0 / rooted) for one in pushed]).reshape(len(pushed), operator.size)
-        self._weight = field(operator.balls, waves.gravity, rooted)
+        pushes = [operator.push(balls, along, 1.0 / np.sqrt(masses[balls])) for balls, along in pushed]
+        self._push = np.array(pushes).reshape(len(pushed), operator.size)
+        self._weight = operator.push(operator.balls, waves.gravity, np.sqrt(masses[operator.balls]))
         self._lightest = math.sqrt(float(np.min(masses[self.network.moving], initial=np.inf)))
         # balls that may meet are listed anew when one has moved by half of the margin
         self._skin = _SKIN * 2.0 * float(np.mean(self.network.radii[self.network.moving]))

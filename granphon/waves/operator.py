@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.linalg import LinearOperator
 
 from granphon.array.contact_operator import ContactHessian, ContactOperator
-from granphon.base.arrays import Array, Complex
+from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import InputError, message
 from granphon.dynamics.rows import Row, carry_rows, network_rows, push_rows, weigh_rows
 from granphon.networks.network import ContactNetwork
@@ -113,6 +113,12 @@ class WaveOperator(LinearOperator[np.float64]):
     def is_rotation(self) -> NDArray[np.bool_]:
         """(size,) whether each number of a vector belongs to a rotation."""
         return np.asarray(self.vector(np.broadcast_to(self.motions.is_rotation, (self.balls.size, self.motions.count))))
+
+    def push(self, balls: Index, along: Array, weights: Array) -> Array:
+        """Return the vector (size,) of translations ``along`` (3,) of some balls, times their ``weights`` (k,)."""
+        vector, axes = np.zeros(self.size), list(self.motions.translations)
+        vector[self.places[balls, : len(axes)]] = along[axes] * weights[:, None]
+        return vector
 
     # -- matrices -------------------------------------------------------------------------------------------------------
 
@@ -202,6 +208,11 @@ class WaveOperator(LinearOperator[np.float64]):
         """D in parts."""
         root, sides = self.full_root, self.full_root.T.tocsr()
         return Parts(lambda x: np.asarray(root @ x), lambda tension: np.asarray(sides @ tension), self.of_rows)
+
+    def store(self, x: Array) -> float:
+        """Return the energy x D x / 2 of a vector, J, by its deformations: a drift of all balls takes no digits from it."""
+        pull, move = (self._make_matrix(*one) @ x for one in self._pairs) if self._pairs else (x[:0], x[:0])
+        return 0.5 * float(self.parts.weigh() @ self.parts.deform(x) ** 2 + pull @ move)
 
     def stretch(self, moved: Array) -> Array:
         """Return what displacements (n, motions), m, of bodies that do not move make of the rows of :attr:`full_root`."""

@@ -821,8 +821,7 @@ def transmit(network: ContactNetwork, wanted: PulseSource, operator: WaveOperato
     even = damped.find_even(course.network) is not None
     _require_short(operator, route.last, float(np.max(damped.times)), not even)
     axes, root, receivers = list(operator.motions.translations), 1.0 / np.sqrt(course.network.masses), np.concatenate(groups)
-    e, forces = push[axes], np.zeros(operator.size)
-    forces[operator.places[sources, : e.size]] = e * root[sources, None]
+    e, forces = push[axes], operator.push(sources, push, root[sources])
     heard = operator.places[receivers, : e.size]
     propagation = (
         Propagation(operator, forces, burst, route.last, tau) if even
@@ -834,7 +833,7 @@ def transmit(network: ContactNetwork, wanted: PulseSource, operator: WaveOperato
         np.concatenate([[burst.duration, route.end], route.frames]),
     )
     parts = np.split(signals, np.cumsum([len(one) for one in groups[:-1]]))
-    energies = [0.5 * (v @ v + x @ (operator @ x)) for x, v in zip(displaced[:2], moving[:2], strict=True)]
+    energies = [0.5 * (v @ v) + operator.store(x) for x, v in zip(displaced[:2], moving[:2], strict=True)]
     velocities = np.zeros((len(route.frames), network.n_balls, 3))
     for frame, vector in zip(velocities, moving[2:], strict=True):
         frame[operator.balls[:, None], axes] = root[operator.balls, None] * operator.values(vector)[:, : e.size]

@@ -12,7 +12,7 @@ from scipy.special import jv
 import granphon as gp
 from granphon.balls.motions import allowed_motions
 from granphon.base.errors import InputError, InstabilityError, UnreachableFrequencyError
-from granphon.waves.operator import WaveOperator
+from granphon.waves.operator import WaveOperator, make_operator
 from granphon.waves.propagation import Propagation, ToneBurst
 from granphon.waves.pulses import Course, Pulse, PulseSource, average_pulses, find_arrivals, transmit
 from granphon.waves.settings import PulseSettings
@@ -184,6 +184,31 @@ def test_signals_and_states_are_those_of_another_integrator(disordered, damping)
         assert pulse.loss > 0.02
     else:
         assert abs(pulse.loss) < 1e-9
+
+
+@pytest.mark.parametrize("name", ["chain", "fcc"])
+def test_energies_keep_their_digits_where_the_network_drifts(name):
+    """A burst far below all frequencies moves a free block as a whole, by thousands of times what contacts are deformed."""
+    network = ideal(name, (8,) if name == "chain" else (3, 3, 3), 0.0 if name == "chain" else 0.8)
+    along = (1.0, 0.0, 0.0)[: network.dimension]
+    pulse = gp.Waves(network).transmit(0.02 * HERTZ, along, 2.0 * D, 1, source="ball", duration=400.0 * np.pi / OMEGA)
+    assert abs(pulse.loss) < 1e-6
+
+
+def test_stored_energy_is_that_of_the_matrix(disordered):
+    """With normal and tangential static forces, of stencils too, and after a drift of all balls."""
+    rng = np.random.default_rng(3)
+    across = np.cross(disordered.normal, [0.0, 0.0, 1.0]) * rng.uniform(-1.0, 1.0, (disordered.n_contacts, 1))
+    force = 1e-2 * D * disordered.normal_stiffness
+    pressed = replace(disordered, normal_force=force, tangential_force=0.3 * force[:, None] * across, prestress=True)
+    array = ideal("triangular", (50, 60))
+    for network in (disordered, pressed, array):
+        operator = make_operator(network)
+        x = rng.normal(size=(operator.balls.size, operator.motions.count)) * 1e-3
+        expected = 0.5 * operator.vector(x) @ (operator @ operator.vector(x))
+        assert operator.store(operator.vector(x)) == pytest.approx(expected, rel=1e-12)
+        x[:, 0] += 1e3
+        assert operator.store(operator.vector(x)) == pytest.approx(expected, rel=1e-8)
 
 
 def test_static_forces_have_no_dashpots(disordered):
