@@ -214,12 +214,9 @@ class WaveOperator(LinearOperator[np.float64]):
         pull, move = (self._make_matrix(*one) @ x for one in self._pairs) if self._pairs else (x[:0], x[:0])
         return 0.5 * float(self.parts.weigh() @ self.parts.deform(x) ** 2 + pull @ move)
 
-    def stretch(self, moved: Array) -> Array:
-        """Return what displacements (n, motions), m, of bodies that do not move make of the rows of :attr:`full_root`."""
-        return self._deform(moved, *self._weighed_rows)
-
-    def _deform(self, moved: Array, rows: list[Row], roots: list[Array]) -> Array:
-        i, j = moved[self.network.i], moved[self.network.j]
+    def stretch(self, moved: Array, weighed: tuple[list[Row], list[Array]] | None = None) -> Array:
+        """Return what displacements (n, motions), m, of bodies that do not move make of rows: those of :attr:`full_root`."""
+        i, j, (rows, roots) = moved[self.network.i], moved[self.network.j], weighed or self._weighed_rows
         parts = [root * np.sum(row.head * j - row.tail * i, axis=1) for row, root in zip(rows, roots, strict=True)]
         return np.concatenate(parts)
 
@@ -231,7 +228,7 @@ class WaveOperator(LinearOperator[np.float64]):
         """
         found = -(self.full_root.T @ (self.of_rows(weights) * self.stretch(moved)))
         for one, other in (self._pairs, self._pairs[::-1]) if self._pairs and weights is None else ():
-            found -= 0.5 * (self._make_matrix(*one).T @ self._deform(moved, *other))
+            found -= 0.5 * (self._make_matrix(*one).T @ self.stretch(moved, other))
         return np.asarray(found)
 
     def compose(self, rows: list[Row], phase: Any = 1.0) -> csr_array[Any]:
