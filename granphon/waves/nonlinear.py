@@ -375,8 +375,7 @@ class _System:
         self.fixed = FixedDirections(operator, self.moved, waves.normal.divides)
         self._ways = [one.displacement for one in drives if one.displacement is not None]
         self._lifts = [one.force for one in drives if one.force is not None]
-        pushes = [operator.push(balls, along, 1.0 / np.sqrt(masses[balls])) for balls, along in pushed]
-        self._push = np.reshape(pushes, (-1, operator.size))
+        self._push = np.reshape([operator.push(*one, 1.0 / np.sqrt(masses[one[0]])) for one in pushed], (-1, operator.size))
         self._weight = operator.push(operator.balls, waves.gravity, np.sqrt(masses[operator.balls]))
         self._lightest = math.sqrt(float(np.min(masses[self.network.moving], initial=np.inf)))
         # balls that may meet are listed anew when one has moved by half of the margin
