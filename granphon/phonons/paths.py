@@ -55,7 +55,14 @@ def special_points(vectors: ArrayLike, pbc: Sequence[bool] = ()) -> dict[str, Ar
     """
     points = _find_band_path(vectors, pbc).special_points
     signs = -1.0 if sum(pbc) == 1 and np.min(list(points.values())) < 0.0 else 1.0
-    return {name: signs * np.array(point) + 0.0 for name, point in points.items()}
+    found = {name: signs * np.array(point) + 0.0 for name, point in points.items()}
+    if (sum(pbc) or len(np.asarray(vectors))) == 2 and "H1" in found:
+        # of oblique cells ASE has the corners right in one of two mirror images: they are as far from 0 as from 2Y, 2C or 2X
+        cell = np.asarray(vectors, float)[:2, :2]
+        for corner, side in (("H", "Y"), ("H1", "X")):
+            g = 2.0 * np.array([found[side], found["C"]])[:, :2] @ np.linalg.inv(cell).T
+            found[corner][:2] = cell @ np.linalg.solve(g, 0.5 * np.sum(g**2, axis=1))
+    return found
 
 
 def default_letters(vectors: ArrayLike, pbc: Sequence[bool] = ()) -> str:

@@ -9,7 +9,7 @@ import pytest
 
 import granphon as gp
 from granphon.base.errors import InputError, PrecisionError
-from granphon.phonons.paths import BandPath
+from granphon.phonons.paths import BandPath, special_points
 from tests.phonons.conftest import DIAMETER, ETA, STEEL, at_force, at_overlap, phonons_of
 
 # -- bands --------------------------------------------------------------------------------------------------------------
@@ -147,6 +147,19 @@ def test_cells_of_the_plane_that_are_neither_square_nor_hexagonal_have_ases_path
     oblong = gp.Lattice("oblong", ((1.0, 0.0), (0.0, np.sqrt(3.0))), ((0.0, 0.0), (0.5, 0.5)))
     assert phonons_of(oblong).bands(npoints=2).labels == ("G", "X", "S", "Y", "G", "S")
     assert BandPath.default(oblong).names == ("G", "X", "S", "Y", "G", "S")  # that of a scene
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("size", [0.78, 1.39])
+def test_corners_of_the_zone_of_an_oblique_cell_and_of_its_mirror_image(size, sign):
+    """Three vectors of the reciprocal lattice are as near to a corner, and two to the middle of an edge."""
+    cell = np.array([[1.0, 0.0], [0.22 * sign * size, np.sqrt(1.0 - 0.22**2) * size]])
+    back = np.linalg.inv(cell).T
+    every = np.stack(np.meshgrid(*[np.arange(-3, 4)] * 2), axis=-1).reshape(-1, 2) @ back
+    for name, point in special_points(cell).items():
+        away = np.linalg.norm(every - point[:2] @ back, axis=1)
+        near = np.count_nonzero(away < away.min() + 1e-9)
+        assert near == {"G": 1, "H": 3, "H1": 3}.get(name, 2)
 
 
 def test_polarisation_along_a_cube_axis():
