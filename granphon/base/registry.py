@@ -139,5 +139,6 @@ def load_plugins() -> dict[str, str | None]:
 
 
 def list_added(what: str) -> tuple[str, ...]:
-    """Return the names of a kind that plug-ins and the program have added."""
-    return tuple(sorted(name for name in Registry.every[what] if Registry.every[what].is_added(name)))
+    """Return the names of a kind that plug-ins and the program have added; none where nothing has asked for the kind yet."""
+    known = Registry.every.get(what)
+    return tuple(sorted(name for name in known if known.is_added(name))) if known else ()
