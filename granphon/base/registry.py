@@ -104,6 +104,7 @@ class Registry(Mapping[str, T]):
         return len(self._entries)
 
     def items(self) -> ItemsView[str, T]:
+        """Return names and entries as they are now."""
         load_plugins()
         return dict(self._entries).items()
 
