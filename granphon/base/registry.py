@@ -10,7 +10,7 @@ say which and why.
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import ItemsView, Iterator, Mapping
 from contextlib import suppress
 from typing import Any, TypeVar
 
@@ -19,8 +19,8 @@ from granphon.base.errors import InputError, one_line
 T = TypeVar("T")
 #: group of the entry points
 GROUP = "granphon.plugins"
-#: who adds an entry: granphon itself, or a program; a plug-in is named
-_GRANPHON, _PROGRAM = "granphon", "the program"
+#: who adds an entry that is not granphon's own, if it is no plug-in
+_PROGRAM = "the program"
 
 
 class Registry(Mapping[str, T]):
@@ -30,13 +30,15 @@ class Registry(Mapping[str, T]):
     every: dict[str, Registry[Any]] = {}
 
     def __init__(self, what: str) -> None:
-        self.what, self._entries, self._sources = what, dict[str, T](), dict[str, str]()
+        self.what, self._entries = what, dict[str, T]()
+        #: who has added each entry that is not granphon's own
+        self._sources = dict[str, str]()
         self._made = dict[str, Any]()
         self.every[what] = self
 
     def own(self, name: str, entry: T) -> T:
         """Add an entry of granphon, and return it."""
-        self._entries[name], self._sources[name] = entry, _GRANPHON
+        self._entries[name] = entry
         return entry
 
     def add(self, name: str, entry: T, made: Any) -> T:
@@ -50,7 +52,8 @@ class Registry(Mapping[str, T]):
 
         require(f"the name of a {self.what}", label, name)
         source = getattr(_plugins, "loading", "") or _PROGRAM
-        own, holder, again = _identify(made), self._sources.get(name), False
+        own, again = _identify(made), False
+        holder = self._sources.get(name, "granphon" if name in self._entries else None)
         with suppress(ValueError):  # of objects that hold arrays
             again = holder == source and bool(self._made[name] == own)
         if holder is not None and not again:
@@ -69,12 +72,12 @@ class Registry(Mapping[str, T]):
 
     def is_added(self, name: str) -> bool:
         """Whether an entry is there that is not granphon's own."""
-        return self._sources.get(name, _GRANPHON) != _GRANPHON
+        return name in self._sources
 
     def describe(self, name: str) -> str:
         """Return an entry in words, with the plug-in that has added it: "the observable 'impedance' of the plug-in x"."""
-        source = self._sources[name]
-        return f"the {self.what} {name!r}" + f" of {source}" * (source not in (_GRANPHON, _PROGRAM))
+        source = self._sources.get(name, _PROGRAM)
+        return f"the {self.what} {name!r}" + f" of {source}" * (source != _PROGRAM)
 
     @property
     def failures(self) -> str:
@@ -99,6 +102,11 @@ class Registry(Mapping[str, T]):
     def __len__(self) -> int:
         load_plugins()
         return len(self._entries)
+
+    def items(self) -> ItemsView[str, T]:
+        """Return names and entries as they are now."""
+        load_plugins()
+        return dict(self._entries).items()
 
 
 def _identify(made: Any) -> Any:
@@ -139,5 +147,6 @@ def load_plugins() -> dict[str, str | None]:
 
 
 def list_added(what: str) -> tuple[str, ...]:
-    """Return the names of a kind that plug-ins and the program have added."""
-    return tuple(sorted(name for name in Registry.every[what] if Registry.every[what].is_added(name)))
+    """Return the names of a kind that plug-ins and the program have added; none where nothing has asked for the kind yet."""
+    load_plugins()
+    return tuple(sorted(Registry.every[what]._sources)) if what in Registry.every else ()

@@ -62,8 +62,8 @@ _DEGENERACY = 1e-9
 _ROOT_TOLERANCE = 1e-14
 #: starts in a band for the search of leaky waves
 _LEAKY_STARTS = 48
-#: steps of Newton's method for a leaky wave, at most
-_NEWTON_STEPS = 12
+#: steps of Newton's method for a leaky wave, at most: on the real axis, and for its pole
+_SEARCH_STEPS, _NEWTON_STEPS = 8, 12
 #: relative change of w at which they end
 _NEWTON_TOLERANCE = 1e-8
 #: phases from layer to layer at which Zak phases and windings are summed
@@ -78,12 +78,14 @@ _NO_PHASE = 1e-9
 _FREE_SHIFT = 1e-10
 #: part of the energy of such a motion in the top layer, at least
 _FREE_TOP_PART = 1e-3
+#: distance of two resonances, over the lesser half width, up to which both lead to one pole
+_SAME_POLE = 0.5
 #: motion of a factor of a wave, over what parts it from those of other waves, up to which it counts as the same wave
 _MOST_MOVED = 0.25
 #: least step below the real axis, and step of a difference, over the half width
 _LEAST_STEP = 1e-4
 #: error of w of a pole, over the highest w
-_POLE_NOISE = 1e-13
+_POLE_NOISE = 1e-12
 #: factor from block to block that stands for all larger ones
 _FAR = 1e3
 #: half width over frequency up to which a resonance counts as a leaky wave
@@ -400,7 +402,7 @@ class HalfSpace:
         place, gap, shift = place[row], gap[:, row], offset[row, column]
         w, weight, size = np.clip(x[row] + shift.real, *gap), np.zeros(len(row)), np.full(len(row), np.inf)
         going = np.arange(len(row))
-        for _ in range(_NEWTON_STEPS):
+        for _ in range(_SEARCH_STEPS):
             if not going.size:
                 break
             offset, parts = solve(place[going], w[going])
@@ -411,25 +413,31 @@ class HalfSpace:
             size[going] = np.where(inside, np.abs(shift[going].real), np.inf)
             w[going[inside]] = moved[inside]
             going = going[inside & (size[going] > _NEWTON_TOLERANCE * w[going])]
-        narrow = (np.abs(shift.imag) < 2.0 * _MOST_WIDTH * w) & (shift.imag <= _NEWTON_TOLERANCE * top)
-        kept = np.flatnonzero((size <= _NEWTON_TOLERANCE * w) & narrow & (weight > _TOP_PART))
-        # of equal ones the first: of the resonances, and of the poles to which they lead
-        kept = kept[self._find_different(place[kept], w[kept])]
+        depth, least = np.abs(shift.imag + _BAND_BROADENING * top), _POLE_NOISE * top
+        kept = np.flatnonzero((depth < 2.0 * _MOST_WIDTH * w) & (size < np.inf) & (weight > _TOP_PART))
+        # many resonances lead to one pole
+        kept = kept[self._find_different(place[kept], w[kept] - 1j * depth[kept], _SAME_POLE)]
         poles, blocks = w[kept].astype(complex), self.blocks(q)
         for number, chosen in enumerate(kept):
-            width = -shift[chosen].imag - _BAND_BROADENING * top
-            if width > _POLE_NOISE * top:
+            if depth[chosen] > least or size[chosen] > _NEWTON_TOLERANCE * w[chosen]:
                 own, inner, hop = (one[place[chosen]] for one in blocks)
-                poles[number] = self._find_pole(own, inner, hop, complex(w[chosen], -width))
-        leaks = np.flatnonzero((poles.imag <= 0.0) & (poles.imag > -2.0 * _MOST_WIDTH * poles.real))
+                poles[number] = self._find_pole(own, inner, hop, complex(w[chosen], -max(depth[chosen], least)))
+        low, high = gap[:, kept]
+        within = (poles.real >= low) & (poles.real <= high) & (poles.imag <= least)
+        leaks = np.flatnonzero(within & (poles.imag > -2.0 * _MOST_WIDTH * poles.real))
         leaks = leaks[self._find_different(place[kept[leaks]], poles[leaks])]
-        return EdgeWaves(place[kept[leaks]], poles[leaks], weight[kept[leaks]])
+        found = poles[leaks].real + 1j * np.minimum(poles[leaks].imag, 0.0)
+        return EdgeWaves(place[kept[leaks]], found, weight[kept[leaks]])
 
-    def _find_different(self, place: Index, w: Any) -> Index:
-        """Return indices that sort w (n,) at each wave vector, without those that repeat another."""
+    def _find_different(self, place: Index, w: Complex, near: float = 0.0) -> Index:
+        """Return indices that sort w (n,) at each wave vector, without those that repeat another.
+
+        Two are the same if they differ by less than ``near`` times the lesser half width.
+        """
         order = np.lexsort((w.real, place))
-        fresh = np.ones(len(order), bool)
-        fresh[1:] = (np.diff(place[order]) > 0) | (np.abs(np.diff(w[order])) > 10.0 * _NEWTON_TOLERANCE * self.highest)
+        depth, fresh = -w[order].imag, np.ones(len(order), bool)
+        same = near * np.minimum(depth[1:], depth[:-1]) + 0.1 * _NEWTON_TOLERANCE * self.highest
+        fresh[1:] = (np.diff(place[order]) > 0) | (np.abs(np.diff(w[order])) > same)
         return order[fresh]
 
     def _find_pole(self, own: Complex, inner: Complex, hop: Complex, w: complex) -> complex:

@@ -209,8 +209,8 @@ def test_leaky_waves_are_roots_of_outgoing_waves(lattice, axis, q):
 
 
 @pytest.mark.claim("leaky")
-@pytest.mark.parametrize(("q", "count"), [(0.02, 3), (0.33, 2)])
-def test_leaky_waves_near_extremes_inside_of_bands(q, count):
+@pytest.mark.parametrize("q", [0.02, 0.33])
+def test_leaky_waves_near_extremes_inside_of_bands(q):
     # two kinds of balls, whose bands have extremes between their ends: a polynomial across one of them tells no width
     light = gp.Ball(gp.Material(70e9, 0.33, 2700.0), 8e-3)
     crystal = gp.Crystal.on("triangular", [gp.Ball(gp.Material(193e9, 0.3, 8000.0), 8e-3)]).repeat((2, 1)).replace(0, light)
@@ -218,7 +218,7 @@ def test_leaky_waves_near_extremes_inside_of_bands(q, count):
     found = surface.branches([[q]], leaky=True)
     unit, blocks = surface.half_space.units.frequency, surface.half_space.blocks(np.array([[q]]))
     leaks = np.flatnonzero(found.widths > 0.0)
-    assert len(leaks) == count
+    assert len(leaks) == 3
     for at in leaks:
         frequency, width = found.frequencies[at], found.widths[at]
         root = follow_pole(*(one[0] for one in blocks), ((frequency - 0.5j * width) / unit) ** 2)
