@@ -54,6 +54,8 @@ from granphon.waves.settings import GEOMETRIES, SCHEMES
 
 #: steps in the shortest period that the contacts could have, by default; and the least number with which steps are stable
 _STEPS, _LEAST_STEPS = 60.0, 4.0
+#: share of a step that counts for rounding, where a given step divides the time from frame to frame
+_ROUNDING = 1e-12
 #: how often a step that is too long is halved
 _HALVINGS = 10
 #: most steps of a run
@@ -273,7 +275,7 @@ class NonlinearWaves:
         least = wanted * 2.0**-_HALVINGS
         while True:
             require_steps(length / wanted)  # which may be infinite
-            each = max(1, math.ceil(length / (count - 1) / wanted))
+            each = max(1, math.ceil(length / (count - 1) / wanted * (1.0 - _ROUNDING)))
             require_steps(each * (count - 1))
             exact, stopped = length / (count - 1) / each, ""
             kept = Frames(self.network, exact, file)
