@@ -346,10 +346,12 @@ def test_energies_of_motions_much_smaller_than_overlaps(law, share):
 
 
 def test_a_step_that_divides_a_frame_is_taken_as_it_is():
-    waves = gp.NonlinearWaves(gp.Crystal.on("chain", [gp.Ball(gp.Material(70e9, 0.22, 2500.0), 8e-3)]).at_force(10.0).network.cut(0, 3))
+    glass = gp.Ball(gp.Material(70e9, 0.22, 2500.0), 8e-3)
+    waves = gp.NonlinearWaves(gp.Crystal.on("chain", [glass]).at_force(10.0).network.cut(0, 3))
     for frames in (6, 10, 19):  # 50 steps in a frame, by a quotient that rounds to more than 50
         step = 1e-3 / (frames - 1) / 50
-        assert_allclose(waves.run(1e-3, velocities=push(waves.network, 1e-3), frames=frames, step=step).step, step, rtol=1e-11)
+        motion = waves.run(1e-3, velocities=push(waves.network, 1e-3), frames=frames, step=step)
+        assert_allclose(motion.step, step, rtol=1e-11)
 
 
 def test_an_implicit_step_without_a_solution_ends_the_motion():
