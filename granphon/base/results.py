@@ -373,7 +373,7 @@ def _make_array(value: Any, dtype: Any) -> np.ndarray[Any, Any] | None:
         leaves: Any = [] if isinstance(value, np.ndarray) or found.dtype.kind == "b" else np.asarray(value, object).ravel()
     except (ValueError, OverflowError):  # ragged, or too large
         return None
-    kinds = "biufc" if dtype is None else {"c": "c", "i": "iu", "b": "b"}.get(np.dtype(dtype).kind, "iuf")
+    kinds = "biufc" if dtype is None else "c" if dtype is np.complex128 else "iu" if np.dtype(dtype).kind == "i" else "iuf"
     if (found.size and found.dtype.kind not in kinds) or any(isinstance(one, bool) for one in leaves):
         return None
     return found if dtype is None or found.dtype == dtype else found.astype(dtype)
