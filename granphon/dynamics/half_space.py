@@ -379,7 +379,7 @@ class HalfSpace:
         return EdgeWaves(place, np.zeros(len(place), complex), np.asarray(parts[place, branch], float))
 
     def find_leaky_waves(self, q: Array) -> EdgeWaves:
-        """Find narrow resonances within bands at q (n_q, p - 1), from S + dw S' on the real axis: leaky waves."""
+        """Find leaky waves within bands at q (n_q, p - 1): poles below narrow resonances of S + dw S' on the real axis."""
         place, gap = self._find_gaps(q, inside=True)
         three, top = np.array([-1.0, 0.0, 1.0]), self.highest
 

@@ -56,9 +56,18 @@ class Row(NamedTuple):
 
 
 def contact_rows(
-    normal: Array, arm_i: Array, arm_j: Array, motions: Motions, *, elongation: ArrayLike = 1.0, slip: ArrayLike = 0.0,
-    twist: ArrayLike = 0.0, roll: ArrayLike = 0.0, gyration_i: ArrayLike = 1.0, gyration_j: ArrayLike = 1.0,
-) -> list[Row]:  # fmt: skip
+    normal: Array,
+    arm_i: Array,
+    arm_j: Array,
+    motions: Motions,
+    *,
+    elongation: ArrayLike = 1.0,
+    slip: ArrayLike = 0.0,
+    twist: ArrayLike = 0.0,
+    roll: ArrayLike = 0.0,
+    gyration_i: ArrayLike = 1.0,
+    gyration_j: ArrayLike = 1.0,
+) -> list[Row]:
     """Return the deformations that are resisted and that the motions can make: elongation, slip, twist, roll, in this order.
 
     Parameters

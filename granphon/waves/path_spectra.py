@@ -86,9 +86,16 @@ class PathSpectra(Result):
 
 
 def find_path_spectra(
-    waves: Waves, lattice: ContactLattice, scales: Units, path: Sequence[Array], labels: Sequence[str], *, points: int,
-    polarisations: Sequence[str], resolution: float | None = None,
-) -> PathSpectra:  # fmt: skip
+    waves: Waves,
+    lattice: ContactLattice,
+    scales: Units,
+    path: Sequence[Array],
+    labels: Sequence[str],
+    *,
+    points: int,
+    polarisations: Sequence[str],
+    resolution: float | None = None,
+) -> PathSpectra:
     """Return spectral functions along a path.
 
     Parameters
@@ -101,7 +108,9 @@ def find_path_spectra(
     polarisations : see :meth:`~granphon.waves.waves.Waves.spectral_function`.
     resolution : Hz.
 
-    Raises :class:`~granphon.base.errors.InputError` for fewer than two points, and an array that has none but Gamma there.
+    Raises
+    ------
+    InputError : fewer than two points, or an array so small that it has no wave vector on the path but Gamma.
     """
     way = find_path_points(waves.network, lattice, scales.length, path, points)
     spectra = [waves.spectral_function(way.q, name, resolution) for name in polarisations]

@@ -92,7 +92,7 @@ def many(_: int) -> list[Row]:
 
     first, second = MANY
     solve(2, second)  # imports
-    alone = 0.5 * first * (solve(10, second)[0] / 10)
+    alone = 0.5 * first / 10 * solve(10, second)[0]
     with tempfile.TemporaryDirectory() as folder, open_executor(workers=2) as executor:
         seconds, used = solve(first, second, executor=executor, path=Path(folder) / "sweep.nc")
     load = f"load average {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
