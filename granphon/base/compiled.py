@@ -1,7 +1,7 @@
 """Loops over contacts or balls that NumPy could only make in many passes, compiled by Numba when they are first called.
 
 What it compiles is kept beside the module, as Python's own bytecode is, or in the user's cache where that cannot be written.
-Without Numba they are loops of Python: the same numbers, some hundred times slower.
+Without Numba they are loops of Python, which give the same numbers, hundreds of times slower.
 """
 
 from __future__ import annotations

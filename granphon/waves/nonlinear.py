@@ -65,7 +65,7 @@ _MOST_STEPS = 10_000_000
 _AWAY = 0.5
 #: what is said without Numba
 _SLOW = message(
-    "numba is not installed", "The same motion takes some hundred times longer", 'Install it: pip install "granphon[scenes]"'
+    "numba is not installed", "The same motion takes hundreds of times longer", 'Install it: pip install "granphon[scenes]"'
 )
 #: distance over the mean diameter up to which balls are listed as ones that may meet
 _SKIN = 0.2
