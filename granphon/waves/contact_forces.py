@@ -198,11 +198,11 @@ def _resist(
     Coulomb's limit is that of the first ``slides`` rows. Contacts are taken in parts, on whose rows the processor works
     several numbers at a time.
     """
-    work, room = 0.0, np.empty((3, _PART))
+    work, room = 0.0, np.empty((4, _PART))
     for low in range(0, len(k), _PART):
         part = slice(low, min(low + _PART, len(k)))
         now, then, push, force = k[part], before[part], pull[0, part], rest[part]
-        mean, left, size = room[0], room[1], room[2]
+        mean, left, size, lost = room[0], room[1], room[2], room[3]
         for at in range(len(now)):
             least = min(now[at], then[at])
             # what the law leaves of a force: nothing where contacts were open
@@ -218,13 +218,13 @@ def _resist(
             for at in range(len(now)):
                 limit, whole = mu * max(push[at] + force[at], 0.0), math.sqrt(size[at])
                 size[at] = limit / whole if whole > limit else 1.0
-        mean[:] = 0.0
+        lost[:] = 0.0
         for row in range(len(held)):
             t, way, old = pull[1 + row, part], moved[row, part], held[row, part]
             if row < slides:
                 for at in range(len(now)):
                     t[at] *= size[at]
             for at in range(len(now)):
-                mean[at] += (t[at] + old[at]) * way[at]
-        work += 0.5 * np.sum(mean)
+                lost[at] += (t[at] + old[at]) * way[at]
+        work += 0.5 * np.sum(lost)
     return work

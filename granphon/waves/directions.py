@@ -40,9 +40,9 @@ class Moment(NamedTuple):
 class _Start(NamedTuple):
     """Contacts at rest, for true directions, (n_c,) or with vectors (3, n_c).
 
-    They join the balls ``ends`` (2, n_c), and have r and its ``length``; the ``gap`` of those that do not touch; whether r is
-    the normal of a ``flat`` wall, of length one; the parts of |r| that are the arms of ball i, ``near``, and of j, ``other``;
-    and the normal ``force``.
+    They join the balls ``ends`` (2, n_c), and have r and its ``length``; the ``gap`` of those that do not touch; whether r
+    is the normal of a ``flat`` wall, of length one; the parts of |r| that are the arms of ball i, ``near``, and of j,
+    ``other``; and the normal ``force``.
     """
 
     ends: Any
@@ -106,16 +106,20 @@ class FixedDirections:
         each = np.concatenate([stiffness[None], self.ratio * stiffness]).ravel()
         return float(np.sqrt(np.max(self._reach @ (each * (self._reach.T @ np.ones(len(self.load)))))))
 
-    def rate(self, at: Moment, v: Array, ways: Array) -> Array:
-        """Return the rates of all deformations (count, n_c), at velocities ``v`` and speeds of the drives."""
-        found = self._forward @ v
+    def _deform(self, x: Array, ways: Array) -> Array:
+        """Return the deformations (count, n_c)."""
+        found = self._forward @ x
         if ways.size:
             found += ways @ self._strain
         return np.asarray(found.reshape(self.count, -1))
 
+    def rate(self, at: Moment, v: Array, ways: Array) -> Array:
+        """Return the rates of all deformations (count, n_c), at velocities ``v`` and speeds of the drives."""
+        return self._deform(v, ways)
+
     def locate(self, x: Array, ways: Array, spare: Moment | None = None) -> Moment:
         """Return the contacts of balls at ``x``."""
-        moved = self.rate(Moment(x, x), x, ways)
+        moved = self._deform(x, ways)
         return Moment(moved, moved[0])
 
     def step(self, before: Moment, after: Moment, pull: Array) -> None:
