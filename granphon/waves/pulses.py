@@ -734,10 +734,10 @@ class Route:
             why, mend = f"The balls fall into {np.max(part) + 1} parts", "Use a higher load, or one of network.pieces()"
             raise InputError(what, why, mend)
         # the velocities of long waves if all balls of a part moved in proportion: than the fastest none is faster
-        end, mass = part[np.where(net.moving[net.i], net.i, net.j)], np.bincount(part[net.moving], net.masses[net.moving])
+        own, mass = part[np.where(net.moving[net.i], net.i, net.j)], np.bincount(part[net.moving], net.masses[net.moving])
         way, shear, n = (net.vector @ along) ** 2, net.shear_stiffness, net.normal.T
         more = (net.normal_stiffness - shear) * way
-        tensor = [[np.bincount(end, more * n[a] * n[b] + (a == b) * shear * way) for b in axes] for a in axes]
+        tensor = np.array([[np.bincount(own, more * n[a] * n[b] + (a == b) * shear * way) for b in axes] for a in axes])
         tensors = np.moveaxis(tensor, -1, 0)[ways] / mass[ways, None, None]
         fastest = np.sqrt(np.maximum([(push[axes] @ tensors @ push[axes]).max(), np.linalg.eigvalsh(tensors).max()], 0.0))
         if not fastest[0] > 0.0:
