@@ -8,8 +8,8 @@ that a cluster needs to know of the infinite lattice: P between its contacts, wh
 over all balls, and that of P phi for independent tensions of all contacts outside the cluster.
 
 All are means over the Brillouin zone of bounded functions, found on uniform grids half a step off Gamma. On each P is a
-projection to rounding. Such a grid favours some directions by a part that falls as its spacing squared, as the functions
-depend on direction at Gamma; two grids together leave that part out.
+projection to rounding. Such a grid favours some directions by a part that falls as its spacing to the power of the number
+of periods, as the functions depend on direction at Gamma; two grids together leave that part out.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def cluster_response(
     influence = np.zeros((n, len(near)))
     # wave vectors (n_q, p) of two grids half a step off Gamma, and weights, in parts; q stands for -q too
     coarse, fine = _POINTS[periods - 1]
-    share, parts = fine**2 / (fine**2 - coarse**2), list[tuple[Array, Array]]()
+    share, parts = fine**periods / (fine**periods - coarse**periods), list[tuple[Array, Array]]()
     for points, weight in ((coarse, 1.0 - share), (fine, share)):
         grid, counts = grid_zone(medium.reciprocal, points)
         several = -(-len(grid) // _PART)

@@ -250,8 +250,7 @@ class _Lead(NamedTuple):
                 raise InputError(what, "A floor or clamped balls stand between them", "Cut it with free edges")
             order = np.argsort(height if lower else -height, kind="stable")[:size]
             near = operator.balls[order]
-            places = strip.positions[near][:, : p + 1]
-            wanted = cut.positions[theirs][:, : p + 1]
+            places, wanted = strip.positions[near], cut.positions[theirs]
             inverse = np.linalg.inv(periods[:, :p]) if p else np.zeros((0, 0))
             # one of the balls stands for the first of the block
             apart = places[None, None] - (wanted - wanted[0])[None, :, None] - places[:, None, None]  # (first, block, strip)

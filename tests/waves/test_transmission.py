@@ -117,6 +117,24 @@ def test_energy_is_conserved_whatever_the_strip(lattice, axis, cells):
     assert_allclose(on.total, np.sum(np.abs(on.amplitudes) ** 2, axis=(1, 2)), rtol=1e-12)
 
 
+@pytest.mark.parametrize(("lattice", "axis"), [("square", 1), ("honeycomb", 1), ("sc", 2)])
+def test_a_ribbon_or_slab_guides_waves(lattice, axis):
+    """Its balls may stand one above another across the way; those of a strip may be listed in any order."""
+    guide, random = bulk(lattice).cut(axis, 3), np.random.default_rng(5)
+    q = random.uniform(-0.5, 0.5, guide.dimension - 2)
+    at = np.linspace(0.11, 0.83, 7) * gp.Phonons(guide).lattice.top_frequency * guide.scales.frequency
+    same = guide.cut(0, 4)
+    through = gp.transmission(guide, same, guide, at, q=q)
+    assert np.any(through.modes[:, 0] > 1)
+    assert_allclose(through.total, through.modes[:, 0], atol=1e-9)
+    odd = replace(same, masses=random.uniform(0.5, 2.0, same.n_balls) * same.masses)
+    on = gp.transmission(guide, odd, guide, at, q=q)
+    assert_allclose(on.transmitted + on.reflected, on.modes[:, 0] > 0, atol=1e-9)
+    assert np.any(on.total < 0.9 * through.total)
+    mixed = gp.transmission(guide, odd.select(random.permutation(same.n_balls)), guide, at, q=q)
+    assert_allclose(mixed.total, on.total, atol=1e-9)
+
+
 def test_losses_of_the_strip_are_what_is_missing():
     """To first order they go with the loss factor, or with frequency times damping."""
     network = bulk("triangular")
