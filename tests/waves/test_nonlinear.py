@@ -262,6 +262,7 @@ def test_time_runs_backwards():
 
 
 @pytest.mark.exhaustive
+@pytest.mark.claim("nonlinear-drift")
 def test_the_energy_does_not_drift():
     """Over more than 1e5 steps; the least squares line rises by less than 1e-6."""
     waves, velocities = smooth()
@@ -269,6 +270,22 @@ def test_the_energy_does_not_drift():
     assert there.times[-1] / there.step > 1e5
     level = there.energy / there.energy[0] - 1.0
     assert abs(np.polyfit(there.times / there.times[-1], level, 1)[0]) < 1e-6
+
+
+@pytest.mark.exhaustive
+@pytest.mark.claim("nonlinear-drift")
+def test_the_energy_does_not_drift_where_contacts_open():
+    """With a sixth of the step, over 1e5 of them."""
+    network = bulk("triangular", "in_plane").repeat((6, 6))
+    waves = gp.NonlinearWaves(replace(network, shear_stiffness=np.zeros(network.n_contacts)))
+    rises = []
+    for seed in range(4):
+        velocities = 0.5 * np.random.default_rng(seed).standard_normal((network.n_balls, 2))
+        step = waves.find_step(0.5) / 6.0
+        motion = waves.run(1e5 * step, velocities=velocities - velocities.mean(axis=0), frames=2001, step=step)
+        assert np.mean(motion.forces == 0.0) > 0.1
+        rises.append(np.polyfit(motion.times / motion.times[-1], motion.energy / motion.energy[0], 1)[0])
+    assert np.max(np.abs(rises)) < 1e-6
 
 
 @pytest.mark.exhaustive
