@@ -292,6 +292,8 @@ class NonlinearWaves:
                         if frame:
                             told.advance()
                 except KeyboardInterrupt:
+                    if not len(kept):  # loops may still have been compiled
+                        raise
                     stopped = _CTRL_C
                 except _Stop as stop:
                     stopped = str(stop)

@@ -449,6 +449,16 @@ def test_ctrl_c_keeps_what_there_is(tmp_path):
     assert gp.Motion.read(tmp_path / "motion.nc") == motion
 
 
+def test_ctrl_c_before_the_first_frame_ends_the_program(tmp_path):
+    def press(time):
+        raise KeyboardInterrupt
+
+    waves, drive = gp.NonlinearWaves(line(10.0, 4)), gp.Drive(0, (1, 0, 0), force=press)
+    with pytest.raises(KeyboardInterrupt):
+        waves.run(1e-4, drive=drive, file=tmp_path / "motion.nc")
+    assert not list(tmp_path.iterdir())
+
+
 def test_only_a_motion_is_replaced(tmp_path):
     waves, path, other = gp.NonlinearWaves(line(10.0, 4)), tmp_path / "motion.nc", tmp_path / "data.csv"
     for duration in (1e-5, 2e-5):
