@@ -260,7 +260,11 @@ class _Lead(NamedTuple):
             best = np.argmin(far, axis=2)  # (first, block)
             worst = np.take_along_axis(far, best[..., None], axis=2)[..., 0].max(axis=1)
             worst[[np.unique(one).size < size for one in best]] = np.inf
-            chosen = int(np.argmin(worst))
+            # of several ways to fit, as where two kinds stand in turn, the one that leaves the frame of the lead as it is
+            vectors = np.concatenate([periods, space.layers.stack[None]])[:, : p + 1]
+            steps = (places - wanted[0])[:, : p + 1] @ np.linalg.inv(vectors)
+            moved = np.linalg.norm((steps - np.rint(steps)) @ vectors, axis=1)
+            chosen = int(np.argmin(np.where(worst <= _THERE * d, moved, np.inf)))
             if worst[chosen] <= _THERE * d:
                 of_strip = near[best[chosen]]
                 cell = cells[chosen, np.arange(size), best[chosen]]
