@@ -244,17 +244,14 @@ class _Lead(NamedTuple):
         if len(operator.balls) >= size:
             height = strip.positions[operator.balls, p]
             beyond = strip.positions[:, p] - height.max() if not lower else height.min() - strip.positions[:, p]
-            if np.all(space.network.moving) and np.any(
-                ~strip.moving & (beyond > np.where(np.isinf(strip.radii), 0.0, 0.6 * d))
-            ):
+            between = ~strip.moving & (beyond > np.where(np.isinf(strip.radii), 0.0, 0.6 * d))
+            if np.all(space.network.moving) and np.any(between):
                 raise InputError(what, "A floor or clamped balls stand between them", "Cut it with free edges")
-            order = np.argsort(height if lower else -height, kind="stable")[:size]
-            near = operator.balls[order]
+            near = operator.balls[np.argsort(height if lower else -height, kind="stable")[:size]]
             places, wanted = strip.positions[near], cut.positions[theirs]
-            inverse = np.linalg.inv(periods[:, :p]) if p else np.zeros((0, 0))
             # one of the balls stands for the first of the block
             apart = places[None, None] - (wanted - wanted[0])[None, :, None] - places[:, None, None]  # (first, block, strip)
-            cells = np.rint(apart[..., :p] @ inverse)
+            cells = np.rint(apart[..., :p] @ np.linalg.inv(periods[:, :p]))
             apart[..., :p] -= cells @ periods[:, :p]
             far = np.linalg.norm(apart, axis=-1)
             best = np.argmin(far, axis=2)  # (first, block)
