@@ -36,7 +36,7 @@ sys.meta_path[:] = map(Hidden, sys.meta_path)
 """
 #: what is computed with
 GIVEN = """
-import os, tempfile
+import dataclasses, os, tempfile
 import numpy as np
 import granphon as gp
 steel = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
@@ -62,6 +62,12 @@ print(disordered.spectral_function(q, resolution=2000.0).values.tolist())
 print(waves.modes(4).frequencies, waves.response([900.0], (0, "x"), (9, "x"), loss_factor=0.1).values)
 motion = gp.NonlinearWaves(chain).run(1e-4, velocities=1e-3 * np.eye(30)[3][:, None], frames=3)
 print(motion.displacements[-1, :, 0].tolist())
+cell = gp.Crystal.on("fcc", [gp.Ball(steel, 8e-3)]).at_force(5.0).network.repeat((2, 2, 1))
+turns = cell.torsion_stiffness + 1.0
+cell = dataclasses.replace(cell, torsion_stiffness=turns, bending_stiffness=2.0 * turns)
+start = 0.1 * np.random.default_rng(1).standard_normal((cell.n_balls, 3))
+turning = gp.NonlinearWaves(cell, friction_coefficient=0.2, geometry="exact").run(3e-5, velocities=start, frames=2)
+print(turning.displacements.tolist(), turning.spins.tolist(), turning.forces.tolist(), turning.shears.tolist())
 """
 #: what needs other packages than numpy and scipy, by name: what does it, and the packages
 FEATURES = {
@@ -141,6 +147,19 @@ def imported(requirement):
 def test_the_core_gives_the_same_numbers_on_numpy_and_scipy_alone():
     others = {"ase", "phonopy", "spglib", "pandas", *EXTRAS["scenes"], *EXTRAS["distributed"]}
     assert run(others, GIVEN, CORE) == run(set(), GIVEN, CORE)
+
+
+def test_without_numba_a_motion_says_that_it_is_slow():
+    code = """
+import warnings
+chain = gp.Crystal.on("chain", [gp.Ball(steel, 8e-3)]).repeat((3,)).at_force(5.0).network
+with warnings.catch_warnings(record=True) as told:
+    warnings.simplefilter("always")
+    gp.NonlinearWaves(chain).run(1e-5, velocities=1e-3 * np.eye(3)[0][:, None], frames=2)
+print(*(one.message for one in told))
+"""
+    assert run({"numba"}, GIVEN, code).startswith("numba is not installed. ")
+    assert run(set(), GIVEN, code) == "\n"
 
 
 def test_errors_name_the_extras_that_bring_the_packages():

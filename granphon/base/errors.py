@@ -18,7 +18,7 @@ from typing import Any, Self
 TOO_LARGE = 2**1024 - 2**970
 #: the extras of granphon, each with the packages that it brings, by their names when they are imported
 EXTRAS = {
-    "scenes": ("matplotlib", "typer", "rich", "yaml", "xarray", "h5netcdf", "h5py", "threadpoolctl"),
+    "scenes": ("matplotlib", "typer", "rich", "yaml", "xarray", "h5netcdf", "h5py", "threadpoolctl", "numba"),
     "distributed": ("distributed", "dask", "cryptography"),
 }  # fmt: skip
 #: what ends a line, with the white space around it

@@ -18,30 +18,17 @@ from numpy.typing import NDArray
 
 from granphon.balls import hertz
 from granphon.base.arrays import Array
+from granphon.base.compiled import compiled
 from granphon.media.crystal_statics import Springs
 
-#: numbers that are worked on at a time, which stay in the processor's cache
-_ROOM = 2**17
+#: contacts that a loop works on at a time, which stay in the processor's first cache
+_PART = 256
 #: what stands for zero where it divides zero
 _NONE = hertz.LEAST_NORMAL
 #: change of an overlap, over the overlap, up to which forces are averaged: a difference of energies would lose more digits
 _CLOSE = 2e-3
 #: Gauss's two points, over the way between, from its middle
 _GAUSS = 0.5 / math.sqrt(3.0)
-
-
-class Part(NamedTuple):
-    """A part of the contacts, and room to work with, (rows, contacts)."""
-
-    at: slice
-    room: Array
-
-
-def divide(n: int, rows: int, divides: bool) -> list[Part]:
-    """Return parts of n contacts with so many rows of room, or all as one."""
-    size = _ROOM // rows if divides else max(n, 1)
-    room = np.empty((rows, min(n, size)))
-    return [Part(slice(low, min(low + size, n)), room[:, : n - low]) for low in range(0, n, size)]
 
 
 def share(values: Array) -> Array:
@@ -52,27 +39,24 @@ def share(values: Array) -> Array:
 class Powers:
     """Normal forces c h_+^a of contacts (n,), as functions of their elongation e from rest."""
 
-    #: whether parts of the contacts can be asked for
-    divides = True
-
     def __init__(self, exponent: float, coefficient: Array, overlap: Array) -> None:
         self.exponent, self.coefficient, self.overlap = exponent, share(coefficient), share(overlap)
         self.root, self.rest = share(np.maximum(np.sqrt(overlap), _NONE)), share(coefficient * overlap**exponent)
         self._fall, self._rise = share(-coefficient), share(hertz.stiffness_of(coefficient))
 
-    def press(self, e: Array, at: slice = slice(None), out: Any = None) -> tuple[Array, Array]:
-        """Return f - f_0, without a difference of near-equal forces, and the stiffness, of contacts ``at``; in ``out``."""
+    def press(self, e: Array, out: Any = None) -> tuple[Array, Array]:
+        """Return f - f_0, without a difference of near-equal forces, and the stiffness of contacts; in ``out``."""
         change, k = (np.empty_like(e), np.empty_like(e)) if out is None else out
-        a, c, rest = self.exponent, self.coefficient[at], self.overlap[at]
+        a, c, rest = self.exponent, self.coefficient, self.overlap
         if a == hertz.EXPONENT:
-            hertz.release(rest, self.root[at], e, (change, k))
-            change *= self._fall[at]
-            k *= self._rise[at]
+            hertz.release(rest, self.root, e, (change, k))
+            change *= self._fall
+            k *= self._rise
             return change, k
         h = np.maximum(rest - e, 0.0)
         part = np.divide(-e, rest, out=np.zeros_like(e), where=rest > 0.0)
         with np.errstate(divide="ignore"):
-            part = self.rest[at] * np.expm1(a * np.log1p(np.maximum(part, -1.0)))
+            part = self.rest * np.expm1(a * np.log1p(np.maximum(part, -1.0)))
             change[:], k[:] = np.where(rest > 0.0, part, c * h**a), np.where(h > 0.0, a * c * h ** (a - 1.0), 0.0)
         return change, k
 
@@ -101,8 +85,6 @@ class PairLaws:
     The last ``apart`` contacts are those of balls that may meet, which no load holds.
     """
 
-    divides = False
-
     def __init__(self, springs: Springs, overlap: Array, apart: int = 0) -> None:
         self.springs, self.overlap, self.rest = springs, overlap, springs.force(overlap)
         start = np.maximum(overlap, springs.least)
@@ -110,8 +92,8 @@ class PairLaws:
             self.rest[-apart:], start[-apart:] = 0.0, np.maximum(springs.least[-apart:], -np.finfo(float).max)
         self._energy = springs.energy(start)
 
-    def press(self, e: Array, at: slice = slice(None), out: Any = None) -> tuple[Array, Array]:
-        """As for :class:`Powers`, of all contacts."""
+    def press(self, e: Array, out: Any = None) -> tuple[Array, Array]:
+        """As for :class:`Powers`."""
         change, k = (np.empty_like(e), np.empty_like(e)) if out is None else out
         h = self.overlap - e
         change[:], k[:] = self.springs.force(h) - self.rest, np.maximum(self.springs.stiffness(h), 0.0)
@@ -173,53 +155,26 @@ class ContactForces:
 
     def __init__(self, normal: Powers | PairLaws, ratio: Array, slips: int, mu: float, times: Array) -> None:
         self.normal, self.ratio, self.slips, self.mu, self.times = normal, ratio, slips, mu, times
-        self.is_damped, self._half = bool(np.any(times)), share(0.5 * ratio)
+        self.is_damped, self._half, self._rest = bool(np.any(times)), 0.5 * ratio, np.array(normal.rest)
 
     def begin(self, e: Array, moved: Array, held: Array) -> Touch:
         """Return contacts that have come to e and deformations ``moved`` (rows - 1, n) without sliding, but for the limit.
 
         ``held`` are the tangential forces at rest.
         """
-        change, k = self.normal.press(e)
-        touch = Touch(e, np.concatenate([change[None], held + self.ratio * k * moved]), k)
-        self._slide(touch.pull, slice(None), np.empty_like(e))
+        touch = Touch(e, np.empty((1 + len(held), len(e))), np.empty_like(e))
+        self.follow(touch, touch, moved, held)  # as stiff before as they have become
         return touch
 
-    def follow(self, before: Touch, after: Touch, moved: Array, held: Array, part: Part) -> float:
-        """Set forces and stiffnesses of a part of the contacts ``after`` deformations (rows - 1, n) on the way to their
-        elongations, and return the work of slip, twist and roll.
+    def follow(self, before: Touch, after: Touch, moved: Array, held: Array) -> float:
+        """Set forces and stiffnesses of contacts ``after`` deformations (rows - 1, n) on the way to their elongations, and
+        return the work of slip, twist and roll.
 
         ``held`` are the tangential forces before, as they have turned.
         """
-        at, (least, mean, product, *_) = part
-        now, then, work = after.k[at], before.k[at], 0.0
-        self.normal.press(after.e[at], at, (after.pull[0, at], now))
-        if not len(moved):
-            return work
-        np.add(np.minimum(now, then, out=least), now, out=mean)
-        least /= np.maximum(then, _NONE, out=product)  # what the law leaves of a force: nothing where contacts were open
-        rows = [(t[at], way[at], old[at]) for t, way, old in zip(after.pull[1:], moved, held, strict=True)]
-        for (t, way, old), half in zip(rows, self._half, strict=True):
-            np.multiply(half[at], mean, out=t)
-            t *= way
-            t += np.multiply(old, least, out=product)
-        self._slide(after.pull, at, mean)
-        for t, way, old in rows:
-            work += 0.5 * float(np.dot(t, way) + np.dot(old, way))
-        return work
-
-    def _slide(self, pull: Array, at: slice, limit: Array) -> None:
-        """Bring forces of slip to Coulomb's limit, which is written to ``limit``."""
-        if self.mu < math.inf and self.slips:
-            np.maximum(np.add(pull[0, at], self.normal.rest[at], out=limit), 0.0, out=limit)
-            limit *= self.mu
-            shears = pull[1 : 1 + self.slips, at]
-            if self.slips == 1:
-                np.minimum(shears[0], limit, out=shears[0])
-                np.maximum(shears[0], np.negative(limit, out=limit), out=shears[0])
-                return
-            size = np.maximum(np.sqrt(np.einsum("ij,ij->j", shears, shears)), limit)
-            shears *= np.divide(limit, np.maximum(size, _NONE, out=size), out=size)
+        self.normal.press(after.e, (after.pull[0], after.k))
+        slides = self.slips if self.mu < math.inf else 0
+        return _resist(after.pull, after.k, before.k, moved, held, self._half, self._rest, slides, self.mu)
 
     def damp(self, k: Array, rates: Array) -> Array:
         """Return what dashpots add to a ``pull`` (rows, n) at the ``rates`` (rows, n) of deformations."""
@@ -232,3 +187,44 @@ class ContactForces:
         """Return the energy of slip, twist and rolling, J."""
         t, stiffness = pull[1:], 2.0 * self.ratio * k
         return float(np.sum(np.divide(t * t, stiffness, out=np.zeros_like(t), where=stiffness > 0.0)))
+
+
+@compiled
+def _resist(
+    pull: Array, k: Array, before: Array, moved: Array, held: Array, half: Array, rest: Array, slides: int, mu: float
+) -> float:  # fmt: skip
+    """Set the tangential forces in a ``pull`` as :meth:`ContactForces.follow`, with normal stiffnesses and those before.
+
+    Coulomb's limit is that of the first ``slides`` rows. Contacts are taken in parts, on whose rows the processor works
+    several numbers at a time.
+    """
+    work, room = 0.0, np.empty((4, _PART))
+    for low in range(0, len(k), _PART):
+        part = slice(low, min(low + _PART, len(k)))
+        now, then, push, force = k[part], before[part], pull[0, part], rest[part]
+        mean, left, size, lost = room[0], room[1], room[2], room[3]
+        for at in range(len(now)):
+            least = min(now[at], then[at])
+            # what the law leaves of a force: nothing where contacts were open
+            mean[at], left[at], size[at] = least + now[at], least / max(then[at], _NONE), 0.0
+        for row in range(len(held)):
+            t, way, old, part_of_k = pull[1 + row, part], moved[row, part], held[row, part], half[row, part]
+            for at in range(len(now)):
+                t[at] = part_of_k[at] * mean[at] * way[at] + left[at] * old[at]
+            if row < slides:
+                for at in range(len(now)):
+                    size[at] += t[at] * t[at]
+        if slides:
+            for at in range(len(now)):
+                limit, whole = mu * max(push[at] + force[at], 0.0), math.sqrt(size[at])
+                size[at] = limit / whole if whole > limit else 1.0
+        lost[:] = 0.0
+        for row in range(len(held)):
+            t, way, old = pull[1 + row, part], moved[row, part], held[row, part]
+            if row < slides:
+                for at in range(len(now)):
+                    t[at] *= size[at]
+            for at in range(len(now)):
+                lost[at] += (t[at] + old[at]) * way[at]
+        work += 0.5 * np.sum(lost)
+    return work

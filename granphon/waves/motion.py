@@ -129,10 +129,12 @@ class Motion(Result):
     def middles(self) -> Array:
         """(n_c, 3) places of the contacts at rest, m."""
         network, (i, j) = self.network, self.met.T
-        met = 0.5 * (network.positions[i] + network.positions[j])
+        start, periods = network.positions[i], network.cell[list(network.pbc)]
+        apart = network.positions[j] - start
+        met = start + 0.5 * (apart - np.rint(apart @ np.linalg.pinv(periods)) @ periods)  # of the nearest image
         for wall, (place, toward) in network.walls.items():  # where the ball stands over a flat wall
-            start = network.positions[i[own := j == wall]]
-            met[own] = start + np.outer((place - start) @ toward, toward)
+            own = j == wall
+            met[own] = start[own] + np.outer((place - start[own]) @ toward, toward)
         return np.concatenate([network.contact_places, met])
 
     def peaks(self) -> tuple[Array, Array]:
@@ -259,8 +261,7 @@ class Frames:
             self._columns[pair] = base + len(self._columns)
         whole: dict[str, Any] = dict(frame)
         for name, values in (("forces", forces), ("shears", shears)):
-            whole[name] = np.zeros(base + len(self._columns))
-            whole[name][:base] = values[:base]
+            whole[name] = np.append(values[:base], np.zeros(len(self._columns)))
             for pair, value in zip(met, values[base:], strict=True):
                 if pair in self._columns:
                     whole[name][self._columns[pair]] = value

@@ -36,7 +36,8 @@ from granphon.balls.contact_laws import DMT, JKR, Hertz, PowerLaw, law_between
 from granphon.balls.contact_table import find_pairs, select_once
 from granphon.balls.hertz import HertzLaw
 from granphon.base.arrays import Array, Index
-from granphon.base.errors import InputError, LimitWarning, StoppedEarlyWarning, brief
+from granphon.base.compiled import COMPILES
+from granphon.base.errors import InputError, LimitWarning, StoppedEarlyWarning, brief, message
 from granphon.base.progress import Progress, silent
 from granphon.base.threads import single_products
 from granphon.base.validation import index_array, not_negative, one_of, positive, real_array, real_number, whole_number
@@ -46,7 +47,7 @@ from granphon.media.crystal_statics import Springs
 from granphon.media.limits import check_limit
 from granphon.networks.network import ContactNetwork, given_network
 from granphon.waves.contact_forces import ContactForces, PairLaws, Powers, Touch
-from granphon.waves.directions import FixedDirections, Moment, PlaneDirections, TrueDirections
+from granphon.waves.directions import FixedDirections, Moment, TrueDirections
 from granphon.waves.motion import Frames, Motion
 from granphon.waves.operator import WaveOperator
 from granphon.waves.pulses import read_vector, require_moves
@@ -62,6 +63,10 @@ _HALVINGS = 10
 _MOST_STEPS = 10_000_000
 #: displacement, over the mean diameter, at which a ball has left its place among directions that do not turn
 _AWAY = 0.5
+#: what is said without Numba
+_SLOW = message(
+    "numba is not installed", "The same motion takes hundreds of times longer", 'Install it: pip install "granphon[scenes]"'
+)
 #: distance over the mean diameter up to which balls are listed as ones that may meet
 _SKIN = 0.2
 #: relative change at which an implicit step is solved, that up to which one that does not fall is rounding, most iterations
@@ -256,6 +261,8 @@ class NonlinearWaves:
         """
         length, count = positive("duration", duration, "s"), whole_number("frames", frames, 2, _MOST_STEPS)
         one_of("scheme", scheme, SCHEMES)
+        if not COMPILES:
+            warnings.warn(_SLOW, stacklevel=2)
         if positions is not None:
             if displacements is not None:
                 raise InputError("positions and displacements are given", mend="Give one of both")
@@ -374,7 +381,7 @@ class _System:
             raise InputError(what, "It moves as that says, whatever acts on it", "Give it one drive")
         self.network = replace(network, masses=masses) if self.moved else network
         self.operator = operator = WaveOperator(self.network)
-        self.fixed = FixedDirections(operator, self.moved, waves.normal.divides)
+        self.fixed = FixedDirections(operator, self.moved)
         self._ways = [one.displacement for one in drives if one.displacement is not None]
         self._lifts = [one.force for one in drives if one.force is not None]
         self._push = np.reshape([operator.push(*one, 1.0 / np.sqrt(masses[one[0]])) for one in pushed], (-1, operator.size))
@@ -391,13 +398,8 @@ class _System:
         self._wide = _root_radius(radii, *ends) / np.minimum(*(radii[end] for end in ends))
         if waves.geometry == "exact":
             normal, ratio, self._unknown = waves._join_laws(i, j) if len(i) else (normal, np.zeros(0), [])
-            rest = waves.normal.rest
-            motions = self.operator.motions
-            planar = {*motions.translations} <= {0, 1} and {*motions.rotations} <= {2}
-            planar = planar and not any(np.any(one[..., 2]) for one in (self.network.normal, *(a for _, a in self.moved)))
-            kind = PlaneDirections if planar else TrueDirections
             more = (i, j, shift, ratio)
-            self.where: Any = kind(self.operator, self.fixed, self.moved, rest, more, self._bulge, normal.divides)
+            self.where: Any = TrueDirections(self.operator, self.fixed, self.moved, waves.normal.rest, more, self._bulge)
         else:
             self.where = self.fixed
         times = waves.damping
@@ -503,8 +505,7 @@ class _System:
         if np.any(self.ways):
             raise InputError("a displacement does not begin at zero", mend="Give a function that is zero at zero")
         still, self.at = where.locate(np.zeros_like(x), np.zeros_like(self.ways)), where.locate(x, self.ways)
-        for part in where.parts:
-            where.step(still, self.at, np.zeros((where.count, len(self.at.e))), part)
+        where.step(still, self.at, np.zeros((where.count, len(self.at.e))))
         self.touch = forces.begin(self.at.e, where.way, where.held)
         nothing = np.zeros(self.network.n_contacts)
         self._at_rest = forces.springs(np.concatenate([nothing[None], where.held]), forces.normal.press(nothing)[1])
@@ -553,14 +554,13 @@ class _System:
 
     def _follow_balls(self, x: Array, ways: Array, whole: bool) -> tuple[Moment, Touch, float]:
         """Return contacts when balls have come to ``x``, turned half or ``whole``, and the work of slip, twist and roll."""
-        where, before, old, (spare_at, spare), spent = self.where, self.at, self.touch, self._spare, 0.0
-        at = where.begin(x, ways, spare_at)
+        where, old, (spare_at, spare) = self.where, self.touch, self._spare
+        at = where.locate(x, ways, spare_at)
         touch = Touch(at.e, *((np.empty_like(old.pull), np.empty_like(old.k)) if spare is None else spare[1:]))
-        for part in where.parts:
-            where.step(before, at, old.pull, part)
-            spent += self.forces.follow(old, touch, where.way, where.turned, part)
-            if whole:
-                where.turn_on(touch.pull, at, part)
+        where.step(self.at, at, old.pull)
+        spent = self.forces.follow(old, touch, where.way, where.turned)
+        if whole:
+            where.turn_on(touch.pull, at)
         return at, touch, spent
 
     def _solve(self, ways: Array, lifts: Array) -> Array:
@@ -582,8 +582,7 @@ class _System:
             guess = found
         else:
             raise _Stop(_UNSOLVED)
-        for part in where.parts:
-            where.turn_on(touch.pull, at, part)
+        where.turn_on(touch.pull, at)
         self.last, self.acceleration, self.at, self.touch = self.acceleration, guess, at, touch
         self.x += moved
         self.v += step * guess

@@ -726,22 +726,23 @@ class Route:
             what = f"the distance of {length:.6g} m leads to the plane of the source itself"
             why = "The receiving plane is that of the balls nearest to it"
             raise InputError(what, why, f"Take a longer distance: a ball is {course.spacing:.6g} m wide")
-        part = number_pieces(course.network.i, course.network.j, course.network.moving)
-        if not np.isin(part[groups[0]], part[sources]).any():
+        net, axes = course.network, list(network.ball_motions.translations)
+        part = number_pieces(net.i, net.j, net.moving)
+        ways = np.intersect1d(part[groups[0]], part[sources])
+        if not ways.size:
             what = f"no contacts join the source and the {counted(len(groups[0]), 'ball')} of the receiving plane"
             why, mend = f"The balls fall into {np.max(part) + 1} parts", "Use a higher load, or one of network.pieces()"
             raise InputError(what, why, mend)
-        # the velocities of long waves if balls moved in proportion, than which those of the network are not faster
-        net, axes = course.network, list(network.ball_motions.translations)
-        way, n = (net.vector @ along) ** 2, net.normal[:, axes]
-        tensor = np.einsum("c,ci,cj->ij", (net.normal_stiffness - net.shear_stiffness) * way, n, n)
-        tensor += np.eye(len(axes)) * float(np.sum(net.shear_stiffness * way))
-        own = float(push[axes] @ tensor @ push[axes])
-        if not own > 0.0:
+        # the velocities of long waves if all balls of a part moved in proportion: than the fastest none is faster
+        own, mass = part[np.where(net.moving[net.i], net.i, net.j)], np.bincount(part[net.moving], net.masses[net.moving])
+        way, shear, n = (net.vector @ along) ** 2, net.shear_stiffness, net.normal.T
+        more = (net.normal_stiffness - shear) * way
+        tensor = np.array([[np.bincount(own, more * n[a] * n[b] + (a == b) * shear * way) for b in axes] for a in axes])
+        tensors = np.moveaxis(tensor, -1, 0)[ways] / mass[ways, None, None]
+        fastest = np.sqrt(np.maximum([(push[axes] @ tensors @ push[axes]).max(), np.linalg.eigvalsh(tensors).max()], 0.0))
+        if not fastest[0] > 0.0:
             what = "no contact resists this polarisation in this direction"
             raise InputError(what, "Waves of it cost no energy", "Use friction, or another polarisation")
-        mass = float(np.sum(net.masses[net.moving]))
-        fastest = np.sqrt(np.array([own, float(np.linalg.eigvalsh(tensor)[-1])]) / mass)
         if wanted.duration is not None:
             duration = positive("duration", wanted.duration, "s")
         else:

@@ -42,6 +42,15 @@ def test_peaks_and_velocities_of_a_pulse():
     assert np.all(np.isinf(make().arrivals()))
 
 
+def test_places_where_balls_meet_across_the_cell():
+    """They are on the line to the nearest image, not half a cell away from it."""
+    motion = make()
+    net = replace(motion.network, cell=np.diag([2.0 * N, 0.0, 0.0]), pbc=(True, False, False))
+    motion = replace(motion, network=net, met=np.array([[1, N - 1], [0, 2]]), forces=np.zeros((FRAMES, N + 1)))
+    along = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
+    assert_allclose(motion.middles[N - 1 :], net.positions[0] + along, atol=1e-12)
+
+
 def test_the_greatest_force_may_be_the_first_or_the_last():
     """Of contacts that a pull unloads, or that are still being pressed, it is that of the frame itself."""
     motion = make(forces=lambda t, x: np.where(x < 10.0, 5.0 - t, 5.0 + t**2))

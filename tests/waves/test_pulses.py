@@ -512,6 +512,25 @@ def test_a_velocity_above_that_of_the_fastest_wave_is_none():
     require_unknown(replace(faster, warnings=faster.judge()), "take longer")
 
 
+@pytest.mark.claim("pulses-none")
+@pytest.mark.parametrize("heavy", [0.1, 10.0])
+def test_balls_that_no_contact_holds_do_not_slow_the_fastest_wave(heavy):
+    """A pulse through a chain between loose balls has its time of flight, and beside a chain of softer contacts too."""
+    alone, ways = chain(120), {"direction": (1,), "distance": 40.0 * D, "duration": 90.0 / OMEGA}
+    wanted, n = gp.Waves(alone).transmit(0.5 * HERTZ, source=0, **ways), alone.n_balls
+    more = {name: np.kron([1.0, heavy], getattr(alone, name)) for name in ("masses", "inertias")}
+    more |= {"positions": np.concatenate([alone.positions, alone.positions + np.array([0.5 * D, 0.0, 0.0])])}
+    loose = replace(alone, radii=np.kron([1.0, 0.4], alone.radii), lattice=None, shape=None, **more)
+    soft = {name: np.concatenate([getattr(alone, name)] * 2) for name in alone.contact_fields}
+    soft |= {"i": np.append(alone.i, alone.i + n), "j": np.append(alone.j, alone.j + n)}
+    soft |= {"normal_stiffness": np.kron([1.0, 0.1 * heavy], alone.normal_stiffness), "radii": np.tile(alone.radii, 2)}
+    for network, source in ((loose, 0), (replace(loose, **soft), [0, n])):
+        found = gp.Waves(network).transmit(0.5 * HERTZ, source=source, **ways)
+        np.testing.assert_allclose(found.fastest, wanted.fastest, rtol=1e-12)
+        here = found.receivers < n
+        np.testing.assert_allclose(found.arrivals()[here], wanted.time_of_flight, rtol=1e-3)
+
+
 @pytest.mark.claim("pulses-error")
 @pytest.mark.parametrize(
     ("hertz", "cycles", "low", "high"), [(0.6, 1, 0.04, 0.06), (0.6, 5, 0.0, 0.005), (0.3, 1, 0.0, 0.015)]
