@@ -138,7 +138,7 @@ def _sharpen_long(factors: Complex, vectors: Complex, couplings: list[Complex], 
     if not long.size or lossy > _FREE * np.max(np.abs(couplings[reach])):
         return factors, vectors
     values, modes = np.linalg.eigh(alike)
-    costs = values > _FREE * values[-1]
+    costs = np.abs(values) > _FREE * np.max(np.abs(values))
     free, other, stiff = modes[:, ~costs], modes[:, costs], values[costs]
     factors, vectors, steps = factors.copy(), vectors.copy(), range(-reach, reach + 1)
     for n in long:

@@ -244,23 +244,24 @@ class _Lead(NamedTuple):
         if len(operator.balls) >= size:
             height = strip.positions[operator.balls, p]
             beyond = strip.positions[:, p] - height.max() if not lower else height.min() - strip.positions[:, p]
-            if np.all(space.network.moving) and np.any(
-                ~strip.moving & (beyond > np.where(np.isinf(strip.radii), 0.0, 0.6 * d))
-            ):
+            between = ~strip.moving & (beyond > np.where(np.isinf(strip.radii), 0.0, 0.6 * d))
+            if np.all(space.network.moving) and np.any(between):
                 raise InputError(what, "A floor or clamped balls stand between them", "Cut it with free edges")
-            order = np.argsort(height if lower else -height, kind="stable")[:size]
-            near = operator.balls[order]
+            near = operator.balls[np.argsort(height if lower else -height, kind="stable")[:size]]
             places, wanted = strip.positions[near], cut.positions[theirs]
-            inverse = np.linalg.inv(periods[:, :p]) if p else np.zeros((0, 0))
             # one of the balls stands for the first of the block
             apart = places[None, None] - (wanted - wanted[0])[None, :, None] - places[:, None, None]  # (first, block, strip)
-            cells = np.rint(apart[..., :p] @ inverse)
+            cells = np.rint(apart[..., :p] @ np.linalg.inv(periods[:, :p]))
             apart[..., :p] -= cells @ periods[:, :p]
             far = np.linalg.norm(apart, axis=-1)
             best = np.argmin(far, axis=2)  # (first, block)
             worst = np.take_along_axis(far, best[..., None], axis=2)[..., 0].max(axis=1)
             worst[[np.unique(one).size < size for one in best]] = np.inf
-            chosen = int(np.argmin(worst))
+            # of several ways to fit, as where two kinds stand in turn, the one that leaves the frame of the lead as it is
+            vectors = np.concatenate([periods, space.layers.stack[None]])[:, : p + 1]
+            steps = (places - wanted[0])[:, : p + 1] @ np.linalg.inv(vectors)
+            moved = np.linalg.norm((steps - np.rint(steps)) @ vectors, axis=1)
+            chosen = int(np.argmin(np.where(worst <= _THERE * d, moved, np.inf)))
             if worst[chosen] <= _THERE * d:
                 of_strip = near[best[chosen]]
                 cell = cells[chosen, np.arange(size), best[chosen]]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -64,6 +65,20 @@ def test_waves_that_run_are_those_of_the_bands(lattice, axis):
             along = np.linalg.lstsq(cell[inside], 2.0 * np.pi * q, rcond=None)[0]
             fraction = cell @ (along + k * normal) / (2.0 * np.pi)
             assert np.min(np.abs(phonons.frequencies([fraction])[0] / f[place] - 1.0)) < 1e-10
+
+
+def test_long_waves_where_static_forces_soften_the_layers():
+    """Square lattice without friction: M w^2 = 4 k sin^2(q_x a/2) - 4 (f/a) sin^2(q_y a/2), below zero at small q_x."""
+    packing = gp.Packing(gp.Material(70e9, 0.3, 2500.0), D, lattice="square", friction=False)
+    network = gp.AveragedLattice(packing).at_force(10.0, finite_overlap=True).network
+    k, spacing, fraction = network.normal_stiffness[0], network.cell[0, 0], 0.3
+    network = replace(network, normal_force=5e-4 * k * network.distance)
+    soft = 5e-4 * np.sin(np.pi * fraction) ** 2
+    angles = np.array([0.05, 0.08, 0.15, 0.6])
+    f = np.sqrt(4.0 * k / network.masses[0] * (np.sin(0.5 * angles) ** 2 - soft)) / (2.0 * np.pi)
+    found = gp.Phonons(network).complex_bands(f, 0, [fraction])
+    running = np.abs(found.forward[:, 0].real) * spacing
+    assert_allclose(running, angles, rtol=1e-9)
 
 
 def test_as_many_waves_run_up_as_down_and_decay_mirrors_growth():

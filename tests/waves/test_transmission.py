@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.base.errors import InputError
-from tests.networks.test_cuts import bulk, chain
+from tests.networks.test_cuts import D, bulk, chain
 
 K, MASS = 2e7, 9.75e-3
 #: frequencies up to the top of a chain of K and MASS, Hz
@@ -133,6 +133,18 @@ def test_a_ribbon_or_slab_guides_waves(lattice, axis):
     assert np.any(on.total < 0.9 * through.total)
     mixed = gp.transmission(guide, odd.select(random.permutation(same.n_balls)), guide, at, q=q)
     assert_allclose(mixed.total, on.total, atol=1e-9)
+
+
+def test_kinds_in_turn_go_on_in_turn():
+    """In a checkerboard either kind stands where the other would, if all is moved; a strip is taken where it stands."""
+    light, heavy = (gp.Ball(gp.Material(70e9, 0.3, density), D) for density in (2500.0, 7500.0))
+    board = gp.Crystal([light, heavy], [[D, D], [D, -D]], [[0.0, 0.0], [D, 0.0]]).at_force(1.0).network
+    at = np.array([0.21, 0.37]) * gp.Phonons(board).lattice.top_frequency * board.scales.frequency
+    same, random = board.cut((1, 1), 4), np.random.default_rng(0)
+    for _ in range(4):
+        mixed = same.select(random.permutation(same.n_balls))
+        through = gp.transmission(board, mixed, board, at, axis=(1, 1), q=[0.13])
+        assert_allclose(through.total, through.modes[:, 0], atol=1e-9)
 
 
 def test_losses_of_the_strip_are_what_is_missing():
