@@ -535,8 +535,9 @@ class _System:
         moved = step * self.v
         self.x += moved
         # contacts follow: their slips, how their forces turn, and the forces
-        self.at, self.touch, spent = self._follow_balls(self.x, ways, True)
-        at, pull, self._spare = self.at, self.touch.pull, (old_at, old)
+        at, self.touch, spent = self._follow_balls(self.x, ways)
+        where.turn_on(self.touch.pull, at)
+        self.at, pull, self._spare = at, self.touch.pull, (old_at, old)
         self.worked[0] += spent
         if forces.is_damped:
             # the speed at the end of the step, but for what dashpots change within it
@@ -554,16 +555,13 @@ class _System:
             self.worked[2] += 0.5 * (before + self.resist) @ (ways - self.ways)
         return moved
 
-    def _follow_balls(self, x: Array, ways: Array, whole: bool) -> tuple[Moment, Touch, float]:
-        """Return contacts when balls have come to ``x``, turned half or ``whole``, and the work of slip, twist and roll."""
+    def _follow_balls(self, x: Array, ways: Array) -> tuple[Moment, Touch, float]:
+        """Return contacts when balls have come to ``x``, their forces half turned, and the work of slip, twist and roll."""
         where, old, (spare_at, spare) = self.where, self.touch, self._spare
         at = where.locate(x, ways, spare_at)
         touch = Touch(at.e, *((np.empty_like(old.pull), np.empty_like(old.k)) if spare is None else spare[1:]))
         where.step(self.at, at, old.pull)
-        spent = self.forces.follow(old, touch, where.way, where.turned)
-        if whole:
-            where.turn_on(touch.pull, at)
-        return at, touch, spent
+        return at, touch, self.forces.follow(old, touch, where.way, where.turned)
 
     def _solve(self, ways: Array, lifts: Array) -> Array:
         """Make an implicit step, whose energies add up, and return what has moved."""
@@ -571,7 +569,7 @@ class _System:
         guess, change = 2.0 * self.acceleration - self.last, math.inf
         for _ in range(_ITERATIONS):
             moved = step * (self.v + 0.5 * step * guess)
-            at, touch, spent = self._follow_balls(self.x + moved, ways, False)
+            at, touch, spent = self._follow_balls(self.x + moved, ways)
             pull = np.concatenate([forces.normal.mean(old.e, at.e)[None], 0.5 * (where.turned + touch.pull[1:])])
             if forces.is_damped:
                 dash = forces.damp(0.5 * (old.k + touch.k), np.concatenate([(at.e - old.e)[None], where.way]) / step)
