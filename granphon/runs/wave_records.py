@@ -23,7 +23,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +46,6 @@ from granphon.phonons.surfaces import SurfaceSpectrum
 from granphon.waves.chebyshev import Kernel
 from granphon.waves.dos import SpectralDensity
 from granphon.waves.motion import Motion
-from granphon.waves.nonlinear import Drive, NonlinearWaves
 from granphon.waves.operator import WaveOperator
 from granphon.waves.path_spectra import PathSpectra, find_path_points
 from granphon.waves.pulses import (
@@ -69,6 +68,9 @@ from granphon.waves.spectral_functions import (
     find_polarisations,
 )
 from granphon.waves.waves import Waves
+
+if TYPE_CHECKING:
+    from granphon.waves.nonlinear import NonlinearWaves
 
 Array = NDArray[Any]
 Record = Mapping[str, Array]
@@ -251,6 +253,8 @@ def _average_responses(records: Sequence[Record], wanted: ResponseSettings) -> t
 
 def make_waves(x: Any, network: ContactNetwork, settings: MotionSettings) -> NonlinearWaves:
     """Return the balls of a ``network``, made of the state, sample or network ``x``, with the law of its contacts."""
+    from granphon.waves.nonlinear import NonlinearWaves  # imported here: other tasks do not need it
+
     state = x.source if isinstance(x, NetworkState) else x
     law = state.crystal if isinstance(state, CrystalState) else None
     mu = math.inf if settings.friction_coefficient is None else settings.friction_coefficient
@@ -271,6 +275,8 @@ class PreparedMotion:
     """
 
     def __init__(self, x: Any, settings: MotionSettings) -> None:
+        from granphon.waves.nonlinear import Drive  # imported here: other tasks do not need it
+
         network = settings.shape(given_network(x))
         self.settings, self.notes = settings, list[str]()
         self.waves = make_waves(x, network, settings)

@@ -39,7 +39,7 @@ WATCHED = {
 TRIAL = "trial equilibria"
 #: costly modules
 HEAVY = (
-    "phonopy", "spglib", "matplotlib", "ase", "ase.calculators", "xarray", "h5netcdf", "pandas", "rich",
+    "phonopy", "spglib", "matplotlib", "ase", "ase.calculators", "xarray", "h5netcdf", "pandas", "rich", "numba",
     "scipy.fft", "scipy.special", "scipy.linalg", "scipy.sparse", "scipy.optimize", "scipy.integrate", "scipy.spatial",
 )  # fmt: skip
 
