@@ -195,9 +195,9 @@ class Source:
                 steps = np.stack(np.meshgrid(*[[-1, 0, 1]] * axes.size, indexing="ij"), axis=-1).reshape(-1, axes.size)
                 away = np.stack([np.linalg.norm(apart + (nearest + step) @ periods, axis=1) for step in steps], axis=1)
                 away[(i == j)[:, None] & np.all(nearest[:, None] + steps == 0, axis=2)] = np.inf
-                by_distance = np.argsort(away, axis=1)
-                shift[:, axes] = nearest + steps[by_distance[:, 0]]
-                second = np.take_along_axis(away, by_distance[:, 1:2], axis=1)[:, 0]
+                shift[:, axes] = nearest + steps[np.argmin(away, axis=1)]
+                # a contact of a ball with its own image leads there either way
+                second = np.sort(away, axis=1)[np.arange(len(i)), np.where(i == j, 2, 1)]
                 why, mend = "The cell is so small that they touch at more than one place", "Give the shift of each contact"
                 contacts.refuse(~still & (second < touch), "is not the only one of its balls", why, mend)
                 shift[still] = 0

@@ -316,6 +316,18 @@ def test_nearest_images_in_an_oblique_cell(lattice):
     np.testing.assert_allclose(found.normal_stiffness, network.normal_stiffness)
 
 
+def test_a_ball_that_touches_its_own_image_does_so_once():
+    """One direction leads there as well as the other; two such contacts are not told apart without shifts."""
+    steel, d = gp.Material(200e9, 0.3, 7800.0), 8e-3
+    ball = {"x": [0.0], "y": [0.0], "radius": [0.5 * d]}
+    found = gp.ContactNetwork.from_table(
+        ball, {"i": [0], "j": [0]}, material=steel, cell=[[0.999 * d, 0.0], [0.3 * d, 1.2 * d]]
+    )
+    np.testing.assert_array_equal(np.abs(found.shift), [[1, 0, 0]])
+    with pytest.raises(InputError, match="is not the only one of its balls"):
+        gp.ContactNetwork.from_table(ball, {"i": [0, 0], "j": [0, 0]}, material=steel, cell=[0.999 * d, 0.999 * d])
+
+
 def test_kinds_of_balls_are_names_or_numbers_of_a_column():
     """They stay with their balls in parts and repeats of the network."""
     balls = {"x": [0.0, 2.0, 4.0], "radius": [1.0, 1.0, 1.0], "mass": [1.0, 2.0, 1.0], "type": [7, 3, 7]}
