@@ -64,7 +64,7 @@ class Parts(NamedTuple):
     weigh: Callable[..., Array]
 
 
-class WaveOperator(LinearOperator[np.float64]):
+class WaveOperator(LinearOperator):
     """D of a network, as sparse matrices, (rad/s)^2.
 
     Attributes
