@@ -67,6 +67,8 @@ _AWAY = 0.5
 _SLOW = message(
     "numba is not installed", "The same motion takes hundreds of times longer", 'Install it: pip install "granphon[scenes]"'
 )
+#: kind of the balls of a network that names none
+_BALL = "ball"
 #: distance over the mean diameter up to which balls are listed as ones that may meet
 _SKIN = 0.2
 #: relative change at which an implicit step is solved, that up to which one that does not fall is rounding, most iterations
@@ -162,7 +164,9 @@ class NonlinearWaves:
         if isinstance(crystal, Crystal) and not (unloaded and law is not None):
             first = {RIGID_PLANE.name: crystal.n_balls}
             first |= {name: int(np.argmax(crystal.kind == at)) for at, name in enumerate(crystal.names)}
-            if not network.kinds or not set(network.kinds) <= set(first):
+            if not network.kinds and len(crystal.names) == 1:
+                first[_BALL] = 0
+            elif not network.kinds or not set(network.kinds) <= set(first):
                 raise InputError("the balls of the network are not of the kinds of the crystal", mend="Give a law")
             self._find = lambda one, other: crystal.law_of(first[one], first[other])
             self._known = Springs([(self._find(*pair)[0], at) for pair, at in pairs.items()], force.size)
@@ -217,7 +221,7 @@ class NonlinearWaves:
 
     def _group(self, i: Index, j: Index) -> dict[tuple[str, ...], Index]:
         """Return the numbers of the contacts (i, j) of each pair of kinds of balls."""
-        kinds = self.network.kinds or np.where(np.isinf(self.network.radii), RIGID_PLANE.name, "ball")
+        kinds = self.network.kinds or np.where(np.isinf(self.network.radii), RIGID_PLANE.name, _BALL)
         names, code = np.unique(kinds, return_inverse=True)
         keys = np.min(code[[i, j]], axis=0) * len(names) + np.max(code[[i, j]], axis=0)
         pairs = {key: divmod(key, len(names)) for key in np.unique(keys).tolist()}
@@ -360,6 +364,9 @@ class _System:
     ways: Array
     lifts: Array
     worked: Array
+    #: where balls were when those that may meet were listed, and how far one may have gone since, m
+    _listed: Array
+    _travelled: float
 
     def __init__(self, waves: NonlinearWaves, drives: Sequence[Any]) -> None:
         network, self.waves, self.drives = waves.network, waves, drives
@@ -502,7 +509,6 @@ class _System:
         self._join(none, none, np.zeros((0, 3), np.intp))
         where, forces = self.where, self.forces
         self.x, self.v, self.step, self.widest = x.copy(), v.copy(), step, 0.0
-        self._listed, self._travelled = self.network.positions, math.inf
         self.ways, self.lifts = self._follow(0.0)
         if np.any(self.ways):
             raise InputError("a displacement does not begin at zero", mend="Give a function that is zero at zero")
@@ -511,6 +517,9 @@ class _System:
         self.touch = forces.begin(self.at.e, where.way, where.held)
         nothing = np.zeros(self.network.n_contacts)
         self._at_rest = forces.springs(np.concatenate([nothing[None], where.held]), forces.normal.press(nothing)[1])
+        if self.waves.geometry == "exact":
+            self._list()
+            where, forces = self.where, self.forces
         # of slip, twist and roll, of dashpots, and of drives
         self.worked, self._springs = np.zeros(3), forces.springs(self.touch.pull, self.touch.k)
         self.dash = forces.damp(self.touch.k, where.rate(self.at, v, np.zeros_like(self.ways))) if forces.is_damped else 0.0
@@ -646,16 +655,16 @@ class _System:
         speed = math.sqrt(3.0) * abs(float(self.v[idamax(self.v)])) / self._lightest  # no ball is faster
         self._travelled += self.step * speed + (float(np.max(np.abs(ways - self.ways))) if len(ways) else 0.0)
         if self._travelled > 0.5 * self._skin:
-            places = self.network.positions + self._displace()
-            if self._travelled < math.inf:
-                self._travelled = math.sqrt(np.max(np.sum((places - self._listed) ** 2, axis=1)))
+            gone = self.network.positions + self._displace() - self._listed
+            self._travelled = math.sqrt(np.max(np.sum(gone * gone, axis=1)))
             if self._travelled > 0.45 * self._skin:
-                self._listed, self._travelled = places, 0.0
-                self._list(places)
+                self._list()
 
-    def _list(self, places: Array) -> None:
+    def _list(self) -> None:
         """List the balls that may meet; contacts that are listed again keep their state."""
         network, touch, radii = self.network, self.touch, self.network.radii
+        places = self._listed = network.positions + self._displace()
+        self._travelled = 0.0
         round_ones = np.flatnonzero(np.isfinite(radii))
         periods, margin = network.cell[list(network.pbc)], self._skin + max(self._bulge, 0.0)
         i, j, cells, apart = find_pairs(places[round_ones], periods, 2.0 * float(np.max(radii[round_ones])) + margin)

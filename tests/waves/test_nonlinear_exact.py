@@ -147,6 +147,28 @@ def test_balls_that_meet():
     assert_allclose(motion.arrivals(1e-3)[2], 0.01 * D / 2.0, rtol=0.02)
 
 
+def test_a_motion_goes_on_from_a_frame_in_which_balls_that_have_met_touch():
+    """Their force is there from the start."""
+    waves, start = meeting()
+    whole = waves.run(0.03 * D / 2.0, **start, frames=401)
+    at = int(np.argmax(whole.forces[:, 2]))
+    rest = waves.run(
+        whole.times[-1] - whole.times[at], whole.positions[at], whole.velocities[at], frames=401 - at, step=whole.step
+    )
+    assert_allclose(rest.forces[0], whole.forces[at], rtol=1e-9, atol=1e-9)
+    assert_allclose(rest.energy, whole.energy[at:], rtol=1e-9)
+    assert_allclose(rest.velocities[-1], whole.velocities[-1], atol=1e-9)
+
+
+def test_a_network_that_names_no_kinds_has_the_law_of_a_crystal_of_one():
+    crystal = gp.Crystal.on("sc", [gp.Ball(STEEL, D, name="A")], law=gp.JKR(1.0))
+    network = crystal.at_overlap(1e-6).network.repeat((2, 2, 2))
+    named, plain = (gp.NonlinearWaves(replace(network, kinds=kinds), crystal) for kinds in (network.kinds, None))
+    assert_allclose(plain.overlap, named.overlap, rtol=0.0)
+    with pytest.raises(InputError, match="not of the kinds"):
+        gp.NonlinearWaves(replace(network, kinds=None), unlike("ABC"))
+
+
 TABLE = gp.TabulatedLaw([1e-8, 1e-5], [1e-3, 1e3])
 
 
