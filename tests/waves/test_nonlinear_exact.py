@@ -166,7 +166,7 @@ def test_a_network_that_names_no_kinds_has_the_law_of_a_crystal_of_one():
     named, plain = (gp.NonlinearWaves(replace(network, kinds=kinds), crystal) for kinds in (network.kinds, None))
     assert_allclose(plain.overlap, named.overlap, rtol=0.0)
     with pytest.raises(InputError, match="not of the kinds"):
-        gp.NonlinearWaves(replace(network, kinds=None), unlike("ABC"))
+        gp.NonlinearWaves(replace(network, kinds=None), unlike([("A", "B"), ("B", "C")]))
 
 
 TABLE = gp.TabulatedLaw([1e-8, 1e-5], [1e-3, 1e3])
