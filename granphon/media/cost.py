@@ -44,8 +44,8 @@ from granphon.media.simulation import DirectSimulation
 MOST_SECONDS = 10_000 * 86400.0
 #: time of an equilibrium of the small sample per ball, s, on any machine: it takes some microseconds
 _SLOWEST = 1e-3
-#: memory of Python and the libraries that the run of a scene loads, bytes
-_PYTHON_BYTES = 145e6
+#: memory of Python and the libraries that the run of a scene loads, bytes; a motion has 130 MB more, of Numba
+_PYTHON_BYTES = 210e6
 #: bytes for each ball while a sample without rotations is worked on, with one, two and three periods, besides those of the
 #: lattice's Green's function
 _BALL_BYTES = {1: 230.0, 2: 450.0, 3: 600.0}
@@ -59,9 +59,9 @@ _FACTOR_FORCE = 0.015
 _FACTOR_BYTES = 2100.0
 _ROTATING_FACTOR_BYTES = 4900.0
 #: times of a step of a motion and of each deformation of a contact in it, s; of a frame, and of each contact in it
-_MOTION_TIMES, _FRAME_TIMES = (2.5e-5, 3.3e-8), (4e-4, 4e-7)
-#: times of a step with contacts that turn in a plane, and in space, and of each contact in it
-_TURNING_TIMES = {2: (1e-4, 9e-8), 3: (3e-4, 8e-7)}
+_MOTION_TIMES, _FRAME_TIMES = (3e-5, 1.2e-8), (4e-4, 4e-7)
+#: times of a step with contacts that turn, and of each contact in it
+_TURNING_TIMES = 6e-5, 8e-8
 #: times by which steps are longer with dashpots, and implicit ones
 _MOTION_DAMPED, _IMPLICIT = 1.6, 8.0
 #: bytes for each contact of a motion, and copies of what is kept
@@ -431,15 +431,15 @@ def array_waves(
 
 
 def motion(
-    steps: float, rows: int, balls: int, contacts: int, frames: int, damped: bool, turning: int, implicit: bool
+    steps: float, rows: int, balls: int, contacts: int, frames: int, damped: bool, turning: bool, implicit: bool
 ) -> Cost:  # fmt: skip
     """Estimate the cost of a motion of so many ``balls`` and ``contacts``, kept at so many times.
 
-    Each contact has so many ``rows``, kinds of deformation, or turns in 2 or 3 dimensions (``turning``, 0 if it does not),
-    with all kinds. ``implicit`` steps are iterated. Seconds were measured with 100 to 120 000 contacts of a chain, the plane
-    and fcc.
+    Each contact has so many ``rows``, kinds of deformation, or turns and has all kinds. ``implicit`` steps are iterated.
+    Seconds were measured with 30 to 11 000 contacts of a chain, the plane and fcc, and do not count that loops are compiled
+    once.
     """
-    alone, each = _TURNING_TIMES[turning] if turning else (_MOTION_TIMES[0], _MOTION_TIMES[1] * rows)
+    alone, each = _TURNING_TIMES if turning else (_MOTION_TIMES[0], _MOTION_TIMES[1] * rows)
     step = (alone + each * contacts) * (_MOTION_DAMPED if damped else 1.0) * (_IMPLICIT if implicit else 1.0)
     memory = 8.0 * frames * (15.0 * balls + 2.0 * contacts) * _MOTION_COPIES + _MOTION_CONTACT_BYTES * contacts
     known = steps * step + frames * (_FRAME_TIMES[0] + _FRAME_TIMES[1] * contacts)

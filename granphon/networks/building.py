@@ -181,7 +181,7 @@ class Source:
         touch, periods, shift = radii_i + radii_j, cell[axes], contacts.shift
         if shift is None:
             shift = np.zeros((len(i), 3), np.intp)
-            if np.linalg.matrix_rank(periods) < axes.size:
+            if axes.size and np.linalg.matrix_rank(periods) < axes.size:
                 mend = "Give other vectors, or name fewer as periodic"
                 raise InputError("the periodic vectors of the cell are not independent of each other", mend=mend)
             across = np.linalg.pinv(periods)

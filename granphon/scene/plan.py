@@ -727,8 +727,7 @@ def _estimate_motion(serving: ServingMedium, wanted: MotionSettings) -> Cost | N
     step = wanted.step or make_waves(state, few, wanted).find_step(max(one.impact or 0.0 for one in wanted.drive))
     each = math.ceil(wanted.duration / (wanted.frames - 1) / step)
     require_steps(each * (wanted.frames - 1))
-    turning = 0 if wanted.geometry == "lattice" else 2 if network.motions in ("longitudinal", "in_plane") else 3
     return costs.motion(
         each * (wanted.frames - 1), len(WaveOperator(network).rows), cells * network.n_balls, cells * network.n_contacts,
-        wanted.frames, bool(np.any(wanted.damping)), turning, wanted.scheme == "midpoint",
+        wanted.frames, bool(np.any(wanted.damping)), wanted.geometry == "exact", wanted.scheme == "midpoint",
     ).times(serving.load.size * (arrays[0].samples if arrays else 1))  # fmt: skip
