@@ -44,8 +44,8 @@ from granphon.media.simulation import DirectSimulation
 MOST_SECONDS = 10_000 * 86400.0
 #: time of an equilibrium of the small sample per ball, s, on any machine: it takes some microseconds
 _SLOWEST = 1e-3
-#: memory of Python and the libraries that the run of a scene loads, bytes; a motion has 130 MB more, of Numba
-_PYTHON_BYTES = 210e6
+#: memory of Python and the libraries that the run of a scene loads, bytes
+_PYTHON_BYTES = 145e6
 #: bytes for each ball while a sample without rotations is worked on, with one, two and three periods, besides those of the
 #: lattice's Green's function
 _BALL_BYTES = {1: 230.0, 2: 450.0, 3: 600.0}
@@ -64,8 +64,8 @@ _MOTION_TIMES, _FRAME_TIMES = (3e-5, 1.2e-8), (4e-4, 4e-7)
 _TURNING_TIMES = 6e-5, 8e-8
 #: times by which steps are longer with dashpots, and implicit ones
 _MOTION_DAMPED, _IMPLICIT = 1.6, 8.0
-#: bytes for each contact of a motion, and copies of what is kept
-_MOTION_CONTACT_BYTES, _MOTION_COPIES = 1300.0, 3.0
+#: bytes of Numba and its loops at least, and for each contact of a motion, and copies of what is kept
+_LOOPS_BYTES, _MOTION_CONTACT_BYTES, _MOTION_COPIES = 9e7, 1300.0, 3.0
 #: bytes for each ball of a further sample that is kept
 _SAMPLE_BYTES = 8.0
 #: bytes for each ball of the place where the operator of a further sample works, with one, two and three periods, and the
@@ -441,7 +441,8 @@ def motion(
     """
     alone, each = _TURNING_TIMES if turning else (_MOTION_TIMES[0], _MOTION_TIMES[1] * rows)
     step = (alone + each * contacts) * (_MOTION_DAMPED if damped else 1.0) * (_IMPLICIT if implicit else 1.0)
-    memory = 8.0 * frames * (15.0 * balls + 2.0 * contacts) * _MOTION_COPIES + _MOTION_CONTACT_BYTES * contacts
+    memory = 8.0 * frames * (15.0 * balls + 2.0 * contacts) * _MOTION_COPIES
+    memory += _LOOPS_BYTES + _MOTION_CONTACT_BYTES * contacts
     known = steps * step + frames * (_FRAME_TIMES[0] + _FRAME_TIMES[1] * contacts)
     return Cost(memory, known=known, parts=(f"motion of {balls:,} balls in {steps:,.0f} steps",))
 

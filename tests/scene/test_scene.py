@@ -733,7 +733,7 @@ def test_the_first_value_that_a_packing_cannot_have_is_named():
     ("text", "words"),
     [
         (BALLS.replace("5 N", "{from: 1 N, to: 9 N, points: 200000}") + WIDTHS, "4: sweep: 20,000,000,000 states: about "),
-        (BALLS.replace("5 N", "{from: 1 N, to: 9 N, points: 200000}"), "3: load.force: 200,000 states: about 690 MB"),
+        (BALLS.replace("5 N", "{from: 1 N, to: 9 N, points: 200000}"), "3: load.force: 200,000 states: about 625 MB"),
         (
             BALLS.replace("5 N", "{from: 1 N, to: 9 N, points: 100}") + "observe: [bands]\nphonopy: {band_points: 100000}",
             "5: phonopy.band_points: 100 states with 900,000 frequencies each: about ",
