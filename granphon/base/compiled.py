@@ -14,6 +14,8 @@ try:
 except ImportError:
     njit = None
 
+from granphon.base.threads import hold_back_signals
+
 _Loop = TypeVar("_Loop", bound=Callable[..., Any])
 
 #: whether loops are compiled
@@ -29,4 +31,12 @@ def compiled(loop: _Loop) -> _Loop:
         made = njit(cache=True, error_model="numpy")(loop)
     except RuntimeError:  # there is no folder that can be written: it is compiled in each process
         made = njit(error_model="numpy")(loop)
+    compile_for = made.compile
+
+    def compile_whole(signature: Any) -> Any:
+        """Compile as Numba does, which could lose a Ctrl-C and end in an error of its own: it comes when this is done."""
+        with hold_back_signals():
+            return compile_for(signature)
+
+    made.compile = compile_whole
     return cast("_Loop", made)

@@ -1,4 +1,4 @@
-"""Pieces of numerical work that do not depend on each other, on all processors that this process may use.
+"""Pieces of numerical work that do not depend on each other, on all processors that this process may use; and its signals.
 
 Other threads go on while numpy works on a large array. The libraries of linear algebra behind numpy start threads of their
 own for each product, which wait for each other longer than a small product takes: meanwhile each is held to one.
@@ -8,13 +8,18 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
-from typing import TypeVar
+from typing import Any, TypeVar
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+
+#: signals with which a terminal or a batch system stops this process
+_STOPS = (signal.SIGINT, signal.SIGTERM)
 
 
 def count_processors() -> int:
@@ -43,3 +48,25 @@ def single_products() -> Iterator[None]:
 
             stack.enter_context(threadpool_limits(1))
         yield
+
+
+@contextmanager
+def hold_back_signals() -> Iterator[None]:
+    """Hold back the signals that stop this process until the end of the block; processes started in it never take them."""
+    come, before = list[int](), dict[int, Any]()
+    if threading.current_thread() is threading.main_thread():  # which alone handles signals
+        before = {kind: handler for kind in _STOPS if (handler := signal.getsignal(kind)) is not None}
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, ()) if hasattr(signal, "pthread_sigmask") else None
+    try:
+        for kind in before:
+            signal.signal(kind, lambda number, _: come.append(number))
+        if mask is not None:  # threads and processes inherit it
+            signal.pthread_sigmask(signal.SIG_BLOCK, _STOPS)
+        yield
+    finally:
+        if mask is not None:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        for kind, handler in before.items():
+            signal.signal(kind, handler)
+        for number in come[:1]:
+            signal.raise_signal(number)

@@ -31,11 +31,10 @@ from typing import Any, cast
 
 from granphon.base.errors import GranphonError, InputError, require_installed
 from granphon.base.text import versions
+from granphon.base.threads import hold_back_signals
 from granphon.media.cost import available_memory
 from granphon.runs import MOST_WORKERS
 
-#: signals with which a terminal or a batch system stops this process
-_STOPS = (signal.SIGINT, signal.SIGTERM)
 #: time in which a scheduler must answer, s; and the longest time that closing the connection may take
 _ANSWER_SECONDS, _CLOSING_SECONDS = 5.0, 1.0
 #: an address: a protocol, if it is not TCP; a host; a port
@@ -60,28 +59,6 @@ def require_packages(worker: str, there: Mapping[str, str | None], here: Mapping
             has = f"has no {name}" if found is None else f"has {name} {found}"
             what, why = f"{worker} {has}, and this process has {name} {version}", "Its numbers could be others"
             raise GranphonError(what, why, "Install the same version on all machines")
-
-
-@contextmanager
-def hold_back_signals() -> Iterator[None]:
-    """Hold back the signals that stop this process until the end of the block; processes started in it never take them."""
-    come, before = list[int](), dict[int, Any]()
-    if threading.current_thread() is threading.main_thread():  # which alone handles signals
-        before = {kind: handler for kind in _STOPS if (handler := signal.getsignal(kind)) is not None}
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, ()) if hasattr(signal, "pthread_sigmask") else None
-    try:
-        for kind in before:
-            signal.signal(kind, lambda number, _: come.append(number))
-        if mask is not None:  # threads and processes inherit it
-            signal.pthread_sigmask(signal.SIG_BLOCK, _STOPS)
-        yield
-    finally:
-        if mask is not None:
-            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        for kind, handler in before.items():
-            signal.signal(kind, handler)
-        for number in come[:1]:
-            signal.raise_signal(number)
 
 
 def start_tracker() -> None:

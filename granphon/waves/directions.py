@@ -96,7 +96,8 @@ class FixedDirections:
             axes = list(operator.motions.translations)
             for place in range(self.slips):
                 self.held[place] = -np.sum(network.tangential_force[:, axes] * rows[1 + place].head[:, : len(axes)], axis=1)
-        self.load = -(self._back @ np.concatenate([np.zeros((1, n)), self.held]).ravel())
+        self._still, self._resist = np.concatenate([np.zeros(n), self.held.ravel()]), -signs * self._strain
+        self.load = -(self._back @ self._still)
 
     def top(self, stiffness: Array) -> float:
         """Return a bound of the angular frequencies of contacts of a normal ``stiffness`` (n_c,), rad/s."""
@@ -130,14 +131,14 @@ class FixedDirections:
     def turn_on(self, pull: Array, after: Moment) -> None:
         """Turn the forces across contacts in the second half of a step: they stay as they are."""
 
-    def push(self, at: Moment, pull: Array, before: Moment | None = None) -> Array:
-        """Return the accelerations (size,) of a pull, without :attr:`load`; with ``before``, its mean over a step."""
-        return np.asarray(self._back @ pull.ravel())
+    def push(self, at: Moment, pull: Array, before: Moment | None = None) -> tuple[Array, Array]:
+        """Return the accelerations (size,) of a pull, without :attr:`load`, and the forces along drives that resist them.
 
-    def resist(self, at: Moment, pull: Array, before: Moment | None = None) -> Array:
-        """Return the forces (drives,) along each drive with which contacts and loads resist it."""
-        tension = np.concatenate([-pull[:1], pull[1:] - self.held])
-        return np.asarray(self._strain @ tension.ravel())
+        With ``before``, those of its mean over a step.
+        """
+        flat = pull.ravel()
+        resisted = self._resist @ (flat - self._still) if len(self._resist) else np.zeros(0)
+        return np.asarray(self._back @ flat), np.asarray(resisted)
 
     def rest_energy(self, at: Moment) -> float:
         """Return the energy that static forces across contacts take up, J."""
@@ -233,20 +234,20 @@ class TrueDirections:
         _rate(self._start, at, self._spread(v, ways), found)
         return found
 
-    def _act(self, at: Moment, pull: Array, before: Moment | None) -> Array:
+    def _act(self, at: Moment, pull: Array, before: Moment) -> Array:
         """Return the forces and torques (n, 6) on all balls; over a step from ``before``, so that it keeps its energy."""
         found = np.zeros_like(at.moved)
-        _act(self._start, at if before is None else before, at, pull, found)
+        _act(self._start, before, at, pull, found)
         return found
 
-    def push(self, at: Moment, pull: Array, before: Moment | None = None) -> Array:
-        """Return the accelerations (size,) of a pull, without :attr:`load`; with ``before``, its mean over a step."""
-        return self._gather(self._act(at, pull, before))
+    def push(self, at: Moment, pull: Array, before: Moment | None = None) -> tuple[Array, Array]:
+        """Return the accelerations (size,) of a pull, without :attr:`load`, and the forces along drives that resist them.
 
-    def resist(self, at: Moment, pull: Array, before: Moment | None = None) -> Array:
-        """Return the forces (drives,) along each drive with which contacts and loads resist it."""
-        forces = (self._still - self._act(at, pull, before))[:, :3]
-        return np.array([np.sum(forces[balls] @ along) for balls, along in self._driven])
+        With ``before``, those of its mean over a step.
+        """
+        forces = self._act(at, pull, at if before is None else before)
+        drawn = [np.sum((self._still - forces)[balls, :3] @ along) for balls, along in self._driven]
+        return self._gather(forces), np.array(drawn)
 
     def rest_energy(self, at: Moment) -> float:
         """Return the energy of the loads, J, less what the laws count of it."""

@@ -524,16 +524,16 @@ class _System:
         self.worked, self._springs = np.zeros(3), forces.springs(self.touch.pull, self.touch.k)
         self.dash = forces.damp(self.touch.k, where.rate(self.at, v, np.zeros_like(self.ways))) if forces.is_damped else 0.0
         pull = self.touch.pull + self.dash if forces.is_damped else self.touch.pull
-        self.acceleration = self.last = self._act(self.at, pull, self.lifts)
-        self.resist = where.resist(self.at, pull) if self._ways else self.ways
+        self.acceleration, self.resist = self._act(self.at, pull, self.lifts)
+        self.last = self.acceleration
 
-    def _act(self, at: Any, pull: Array, lifts: Array, before: Any = None) -> Array:
-        """Return the accelerations (size,)."""
-        found: Array = self.where.push(at, pull, before)
+    def _act(self, at: Any, pull: Array, lifts: Array, before: Any = None) -> tuple[Array, Array]:
+        """Return the accelerations (size,), and the forces with which contacts and loads resist displacements of drives."""
+        found, resist = self.where.push(at, pull, before)
         found += self._steady
         if len(lifts):
             found += lifts @ self._push
-        return found
+        return found, resist
 
     def _leap(self, ways: Array, lifts: Array) -> Array:
         """Make a step of Verlet's, and return what has moved."""
@@ -556,12 +556,11 @@ class _System:
             mean = 0.5 * (before + self.dash) if np.shape(before) == self.dash.shape else self.dash
             self.worked[1] += _lose(mean, at.e - old.e, where.way)
         # the other half
-        self.acceleration = self._act(at, pull, lifts)
+        self.acceleration, resist = self._act(at, pull, lifts)
         np.multiply(0.5 * step, self.acceleration, out=kick)
         self.v += kick
-        if self._ways:
-            before, self.resist = self.resist, where.resist(at, pull)
-            self.worked[2] += 0.5 * (before + self.resist) @ (ways - self.ways)
+        self.worked[2] += 0.5 * (self.resist + resist) @ (ways - self.ways)
+        self.resist = resist
         return moved
 
     def _follow_balls(self, x: Array, ways: Array) -> tuple[Moment, Touch, float]:
@@ -583,7 +582,7 @@ class _System:
             if forces.is_damped:
                 dash = forces.damp(0.5 * (old.k + touch.k), np.concatenate([(at.e - old.e)[None], where.way]) / step)
                 pull += dash
-            found = self._act(at, pull, 0.5 * (self.lifts + lifts), old_at)
+            found, resist = self._act(at, pull, 0.5 * (self.lifts + lifts), old_at)
             last, change = change, float(np.max(np.abs(found - guess)))
             size = max(float(np.max(np.abs(found))), float(np.max(np.abs(self.v))) / step)
             if change <= _SOLVED * size or last <= change <= _ROUNDED * size:
@@ -598,8 +597,7 @@ class _System:
         self.worked[0] += spent
         if forces.is_damped:
             self.worked[1] += _lose(dash, touch.e - old.e, where.way)
-        if self._ways:
-            self.worked[2] += where.resist(at, pull, old_at) @ (ways - self.ways)
+        self.worked[2] += resist @ (ways - self.ways)
         return moved
 
     def _keep(self, number: int, kept: Frames) -> None:
