@@ -21,10 +21,12 @@ STIFF = 1e-3
 #: balls of an array, at most, for which the places of the entries of its matrix are kept: finding them takes as long as
 #: to factorise
 _KEPT_PLACES = 2**12
-#: most motions of a matrix that is factorised, for balls on a line, in a plane, in space: the factors take 1 GB at most
+#: most motions of a matrix that is factorised, for balls on a line, in a plane, in space: they take 5 GB at most
 LARGEST_FACTORS = {1: 1_000_000, 2: 300_000, 3: 12_000}
 #: time of these factors, complex ones, s for each of n motions: c n^p
 _FACTORS_TIME = {1: (3.6e-7, 0.0), 2: (1.8e-7, 0.5), 3: (6e-8, 1.0)}
+#: their bytes for each of n motions while they are made, c n^p; of lattices that are not the densest half to 2.6 times that
+_FACTORS_BYTES = {1: (5e3, 0.0), 2: (15e3, 0.0), 3: (1.1e3, 0.5)}
 #: stiffness, over the mean, that holds balls which nothing else holds
 _LEAST_DIAGONAL = 1e-5
 #: added to the matrix, whose diagonal is scaled to one: without it rounding could make motions that cost nothing unstable
@@ -115,10 +117,14 @@ def factorise(matrix: Any, approximate: bool = False, pivot: float = 0.0, order:
     return splu(single, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=pivot, relax=1, options=options)
 
 
-def estimate_factors(motions: int, dimension: int) -> float:
-    """Return the time of the factors of a matrix, s; infinite if it is too large to be factorised."""
-    factor, power = _FACTORS_TIME[dimension]
-    return factor * motions * float(motions) ** power if motions <= LARGEST_FACTORS[dimension] else math.inf
+def estimate_factors(motions: int, dimension: int) -> tuple[float, float]:
+    """Return the time, s, and bytes of the factors of a complex matrix; infinite if it is too large to be factorised."""
+    if motions > LARGEST_FACTORS[dimension]:
+        return math.inf, math.inf
+    time, size = (
+        c * motions * float(motions) ** power for c, power in (_FACTORS_TIME[dimension], _FACTORS_BYTES[dimension])
+    )
+    return time, size
 
 
 def factorise_contacts(stencils: Stencils, stiffness: Array) -> Callable[[Array], Array]:

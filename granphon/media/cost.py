@@ -44,8 +44,8 @@ from granphon.media.simulation import DirectSimulation
 MOST_SECONDS = 10_000 * 86400.0
 #: time of an equilibrium of the small sample per ball, s, on any machine: it takes some microseconds
 _SLOWEST = 1e-3
-#: memory of Python and the libraries that the run of a scene loads, bytes
-_PYTHON_BYTES = 145e6
+#: memory of Python and the libraries that the run of a scene loads, and one with a motion, which loads Numba, bytes
+_PYTHON_BYTES, _NUMBA_BYTES = 145e6, 270e6
 #: bytes for each ball while a sample without rotations is worked on, with one, two and three periods, besides those of the
 #: lattice's Green's function
 _BALL_BYTES = {1: 230.0, 2: 450.0, 3: 600.0}
@@ -64,8 +64,8 @@ _MOTION_TIMES, _FRAME_TIMES = (3e-5, 1.2e-8), (4e-4, 4e-7)
 _TURNING_TIMES = 6e-5, 8e-8
 #: times by which steps are longer with dashpots, and implicit ones
 _MOTION_DAMPED, _IMPLICIT = 1.6, 8.0
-#: bytes of Numba and its loops at least, and for each contact of a motion, and copies of what is kept
-_LOOPS_BYTES, _MOTION_CONTACT_BYTES, _MOTION_COPIES = 9e7, 1300.0, 3.0
+#: bytes for each contact of a motion, and copies of what is kept
+_MOTION_CONTACT_BYTES, _MOTION_COPIES = 1300.0, 3.0
 #: bytes for each ball of a further sample that is kept
 _SAMPLE_BYTES = 8.0
 #: bytes for each ball of the place where the operator of a further sample works, with one, two and three periods, and the
@@ -154,6 +154,7 @@ class Cost:
     balls, equilibria : number of balls in one sample, and number of equilibria.
     parts : descriptions of the work that is not a simulation.
     bounds : whether the time is a lower bound, as for arrays that start from the gas.
+    libraries : memory of Python and its libraries, bytes.
     """
 
     working: float = 0.0
@@ -164,12 +165,13 @@ class Cost:
     equilibria: int = 0
     parts: tuple[str, ...] = ()
     bounds: bool = False
+    libraries: float = _PYTHON_BYTES
 
     def __add__(self, other: Cost) -> Cost:
         return Cost(
             max(self.working, other.working), self.kept + other.kept, self.work + other.work, self.known + other.known,
             max(self.balls, other.balls), self.equilibria + other.equilibria, self.parts + other.parts,
-            self.bounds or other.bounds,
+            self.bounds or other.bounds, max(self.libraries, other.libraries),
         )  # fmt: skip
 
     def times(self, count: float) -> Cost:
@@ -182,7 +184,7 @@ class Cost:
     @property
     def memory(self) -> float:
         """Greatest memory, with Python and its libraries, bytes."""
-        return _PYTHON_BYTES + self.working + self.kept
+        return self.libraries + self.working + self.kept
 
     @property
     def seconds(self) -> float:
@@ -196,7 +198,7 @@ class Cost:
     @property
     def tells(self) -> bool:
         """Whether the estimate is worth showing to the user; for a simulation it always is."""
-        return bool(self.equilibria) or self.known > _TOLD_SECONDS or self.memory - _PYTHON_BYTES > _TOLD_BYTES
+        return bool(self.equilibria) or self.known > _TOLD_SECONDS or self.working + self.kept > _TOLD_BYTES
 
     @property
     def text(self) -> str:
@@ -442,15 +444,15 @@ def motion(
     alone, each = _TURNING_TIMES if turning else (_MOTION_TIMES[0], _MOTION_TIMES[1] * rows)
     step = (alone + each * contacts) * (_MOTION_DAMPED if damped else 1.0) * (_IMPLICIT if implicit else 1.0)
     memory = 8.0 * frames * (15.0 * balls + 2.0 * contacts) * _MOTION_COPIES
-    memory += _LOOPS_BYTES + _MOTION_CONTACT_BYTES * contacts
+    memory += _MOTION_CONTACT_BYTES * contacts
     known = steps * step + frames * (_FRAME_TIMES[0] + _FRAME_TIMES[1] * contacts)
-    return Cost(memory, known=known, parts=(f"motion of {balls:,} balls in {steps:,.0f} steps",))
+    return Cost(memory, known=known, parts=(f"motion of {balls:,} balls in {steps:,.0f} steps",), libraries=_NUMBA_BYTES)
 
 
-def response(balls: int, contacts: int, frequencies: int, seconds: float) -> Cost:
-    """Estimate the cost of a response of so many ``balls`` and ``contacts``, which takes so many ``seconds``."""
+def response(balls: int, contacts: int, frequencies: int, seconds: float, factors: float) -> Cost:
+    """Estimate the cost of a response of so many ``balls`` and ``contacts``, of its ``seconds`` and bytes of ``factors``."""
     what = f"response of {balls:,} balls at {frequencies:,} {'frequency' if frequencies == 1 else 'frequencies'}"
-    return Cost(_CONTACT_BYTES * contacts, known=seconds, parts=(what,))
+    return Cost(_CONTACT_BYTES * contacts + factors, known=seconds, parts=(what,))
 
 
 def cluster_media(count: int, balls: float) -> Cost:

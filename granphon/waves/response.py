@@ -427,7 +427,7 @@ class ResponseWork:
     @cached_property
     def price(self) -> float:
         """Time of factors at a frequency, s; infinite if the network is too large."""
-        return estimate_factors(self.operator.size, self.operator.network.dimension)
+        return estimate_factors(self.operator.size, self.operator.network.dimension)[0]
 
     @cached_property
     def steps(self) -> Array:
