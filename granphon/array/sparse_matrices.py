@@ -25,7 +25,7 @@ _KEPT_PLACES = 2**12
 LARGEST_FACTORS = {1: 1_000_000, 2: 300_000, 3: 12_000}
 #: time of these factors, complex ones, s for each of n motions: c n^p
 _FACTORS_TIME = {1: (3.6e-7, 0.0), 2: (1.8e-7, 0.5), 3: (6e-8, 1.0)}
-#: their bytes for each of n motions while they are made, c n^p; of lattices that are not the densest half to 2.6 times that
+#: their bytes for each of n motions while they are made, c n^p; of lattices that are not the densest from half of that
 _FACTORS_BYTES = {1: (5e3, 0.0), 2: (15e3, 0.0), 3: (1.1e3, 0.5)}
 #: stiffness, over the mean, that holds balls which nothing else holds
 _LEAST_DIAGONAL = 1e-5

@@ -99,8 +99,9 @@ _KRYLOV = 400
 _SEEN = 1e-5
 #: frequency over the top, up to which a mode that grows counts as one at rest: forces of programs balance to 1e-6 or so
 _BALANCED = 1e-5
-#: part of the largest entry of a column from which a pivot of a damped matrix is taken on the diagonal
-PIVOT = 0.1
+#: part of the largest entry of a column from which a pivot of a damped matrix is taken on the diagonal. With a tenth factors
+#: at frequencies within bands have up to a hundred times more entries, and no digit more once solutions are refined
+PIVOT = 1e-5
 #: more vectors than are asked for
 _SPARE = 8
 
