@@ -50,21 +50,24 @@ def encode(name: str, part: TaskResult) -> bytes:
     for key, one in part.items():
         if one.dtype.hasobject:
             raise TypeError(f"the array {key!r} of a result holds {one.dtype}")
-    return _seal(name, b"\n".join([layout.encode(), b"".join(one.tobytes() for one in part.values())]))
+    return _seal(name, f"{layout}\n".encode(), *(one.tobytes() for one in part.values()))
 
 
-def _seal(name: str, data: bytes) -> bytes:
-    body = f"{name}\n".encode() + data
-    return hashlib.sha256(body).digest() + body
+def _seal(name: str, *data: bytes) -> bytes:
+    parts, digest = [f"{name}\n".encode(), *data], hashlib.sha256()
+    for one in parts:  # joined once: results may be large
+        digest.update(one)
+    return b"".join([digest.digest(), *parts])
 
 
 def decode(entry: bytes) -> TaskResult:
     """Return the result that :func:`encode` has made an entry of."""
-    _, layout, data = entry[_HEAD:].split(b"\n", 2)
-    part, place = TaskResult(), 0
-    for key, kind, shape in json.loads(layout):
+    begin = entry.index(b"\n", _HEAD) + 1
+    place = entry.index(b"\n", begin) + 1
+    part = TaskResult()
+    for key, kind, shape in json.loads(entry[begin:place]):
         # unlike numpy.ndarray, frombuffer refuses objects, whose addresses would be those in the file
-        part[key] = np.frombuffer(data, kind, math.prod(shape), place).reshape(shape).copy()
+        part[key] = np.frombuffer(entry, kind, math.prod(shape), place).reshape(shape).copy()
         place += part[key].nbytes
     return part
 
@@ -154,7 +157,8 @@ class Store:
     def _read(self, name: str) -> bytes:
         """Return a sound entry; ValueError if there is none."""
         entry = b"".join(part for (part,) in self._ask("SELECT entry FROM task WHERE name = ? ORDER BY piece", name))
-        if hashlib.sha256(entry[_HEAD:]).digest() != entry[:_HEAD] or (entry[_HEAD:].partition(b"\n")[0] != name.encode()):
+        sealed = hashlib.sha256(memoryview(entry)[_HEAD:]).digest() == entry[:_HEAD]
+        if not sealed or not entry.startswith(f"{name}\n".encode(), _HEAD):
             raise ValueError
         return entry
 
