@@ -264,6 +264,14 @@ def test_samples_of_a_simulation_move_and_are_averaged(tmp_path):
     assert result.waves.motion.forces.max() == peaks[0]
 
 
+def test_a_clamped_layer_of_several_balls_is_moved_as_a_whole():
+    """The cell of a honeycomb has two balls, of which the upper one touches the balls that move; both faces."""
+    crystal = gp.Crystal.on("honeycomb", [gp.Ball(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)])
+    array = crystal.at_force(10.0).network.cut(1, 4, "clamped")
+    for word, wanted in (("lower", [0, 1]), ("upper", [6, 7])):
+        np.testing.assert_array_equal(DriveSettings(balls=word, impact=1.0).find_balls(array), wanted)
+
+
 @pytest.mark.parametrize(
     ("drive", "said"),
     [
