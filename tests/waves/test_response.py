@@ -134,6 +134,24 @@ def test_modes_of_one_ball_swing_or_creep(damping):
         assert_allclose(found.quality, [expected.real / (2.0 * expected.imag)], atol=1e-12)
 
 
+@pytest.mark.parametrize("damping", [0.9, 1.6])
+def test_strongly_damped_modes_ascend_in_their_real_part(damping):
+    # 2 sin(t/2) of bands and of a chain between walls, damped beyond 2^1/2 over the highest frequency; some creep in the end
+    network, q, tau = ideal("chain", 0.0), np.linspace(0.1, 0.5, 5)[:, None], damping / OMEGA
+    walls = network.cut(0, 12, "clamped")
+    modes = gp.Waves(walls).damped_modes(10, damping=tau)
+    free = 2.0 * np.sin(0.5 * np.pi * np.arange(1, 11) / 11)
+    creep = 0.5 * damping * free**2
+    roots = 1j * creep + np.sqrt(free**2 - creep**2 + 0j)
+    expected = np.where(creep > free, 1j * (creep - np.sqrt(np.maximum(creep**2 - free**2, 0.0))), roots)
+    assert_allclose(modes.frequencies / HERTZ, np.sort(expected), rtol=1e-9)
+    for frequency, vector in zip(modes.frequencies / HERTZ, modes.vectors[:, 1:-1, 0], strict=True):
+        left = (1.0 + 1j * frequency * damping) * np.convolve(vector, [-1.0, 2.0, -1.0], "same") - frequency**2 * vector
+        assert np.linalg.norm(left) < 1e-9
+    two = gp.Phonons(network.repeat((2,))).damped(q, tau)
+    assert np.all(np.diff(two.frequencies.real, axis=1) >= 0.0)
+
+
 def test_modes_that_creep_have_digits_or_are_refused():
     """Of a chain on a wall each contact creeps by itself, by exp(-t/tau) of its own tau, but for inertia."""
     network = chain(12, ("clamped", "free"))
