@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
@@ -169,11 +169,12 @@ class State(ABC):
         These are the columns of arrays (..., n_u, n_u), or (..., n, n_u, n_u) for directions (n, p).
         """
 
-    def cached(self, find: Callable[[Self], Found]) -> Found:
-        """Return ``find(self)``, which is called only the first time and then kept."""
-        if find not in self._found:
-            self._found[find] = find(self)
-        return self._found[find]  # type: ignore[no-any-return]
+    def cached(self, find: Callable[..., Found], *more: Hashable) -> Found:
+        """Return ``find(self, *more)``, which is called only the first time and then kept."""
+        key = find, *more
+        if key not in self._found:
+            self._found[key] = find(self, *more)
+        return self._found[key]  # type: ignore[no-any-return]
 
     @cached_property
     def _found(self) -> dict[Any, Any]:

@@ -225,7 +225,8 @@ class Surface:
         q, distances, corners, labels = self.path(npoints)
         top = _ABOVE * float(np.sqrt(np.max(self.half_space.bands(self._read(q)[0])))) * self._frequency
         found = self.spectrum(q, np.linspace(0.0, top, _ROWS) if frequencies is None else frequencies, damping)
-        return replace(found, waves=self.branches(q, leaky), distances=distances, corners=corners, labels=labels)
+        waves = self.branches(q, leaky) if leaky else self.along_path(npoints)
+        return replace(found, waves=waves, distances=distances, corners=corners, labels=labels)
 
     def branches(self, q: ArrayLike | None = None, leaky: bool = False, free: bool = False) -> SurfaceBranches:
         """Return the waves of the edge at q (n_q, p - 1): poles outside of the crystal's bands, all of them, to 1e-10.
@@ -247,6 +248,16 @@ class Surface:
         order = np.lexsort((roots.real, place))
         widths = np.maximum(-2.0 * roots.imag, 0.0)
         return SurfaceBranches(points, place[order], roots.real[order], widths[order], weight[order])
+
+    def along_path(self, npoints: int) -> SurfaceBranches:
+        """Return :meth:`branches` along :meth:`path`, which are kept: a figure and a data set need the same."""
+        if npoints not in self._along:
+            self._along[npoints] = self.branches(self.path(npoints)[0])
+        return self._along[npoints]
+
+    @cached_property
+    def _along(self) -> dict[int, SurfaceBranches]:
+        return {}
 
     def follow(self, q: ArrayLike, frequency: float) -> Array:
         """Return frequencies (n_q,), Hz, along q (n_q, p - 1), of the wave with about this ``frequency``, Hz, at the first.
@@ -321,9 +332,9 @@ def observe_surface(
     a long wave its velocity (n,) along the first leg, m/s. ``different`` are the states, or the first of them if all have
     one lattice in reduced units.
     """
-    edges = [Surface(one, axis, edge) for one in different]
+    edges = [one.cached(Surface, axis, edge) for one in different]
     q, p = edges[0].path(points)[0], len(edges[0].cell)
-    branches = [one.branches(q[:, :p]) for one in edges]
+    branches = [one.along_path(points) for one in edges]
     most = max(1, *(int(np.bincount(one.place, minlength=1).max()) for one in branches))
     table = np.full((len(edges), len(q), most), np.nan)
     for row, one in zip(table, branches, strict=True):

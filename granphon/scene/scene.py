@@ -475,24 +475,23 @@ class RunResult:
 def _describe_alone(
     scene: Scene, target: Path, work: SweepRun, state: ContactState, parts: Sequence[TaskResult], progress: Progress
 ) -> RunResult:
-    waves = bands = dos = gaps = None
+    waves = bands = dos = gaps = surface = None
     analysis, records = Analysis(state, scene.direction), [SampleRecord.from_part(part, 0) for part in parts]
     if not records:
         with progress.step("networks") if scene.waves is not None and scene.waves.of_networks else nullcontext():
             (task,) = work.grid.cases[0].media
             records = task.record_networks(state, whole=True)
+    if (edge := scene._asked("surface")) is not None:
+        from granphon.phonons.surfaces import Surface
+
+        with progress.step("surface"):
+            surface = state.cached(Surface, edge.axis, edge.edge).map(edge.points)
     dataset = work.join_alone(analysis, records)
     if records:
         from granphon.runs.wave_records import SampleWaves
 
         waves = SampleWaves.of(scene.waves, state, [one.of_waves for one in records])
-    result = RunResult(scene, target, dataset, analysis, waves=waves)
-    if (edge := scene._asked("surface")) is not None:
-        from granphon.phonons.surfaces import Surface
-
-        with progress.step("surface"):
-            surface = Surface(state, edge.axis, edge.edge).map(edge.points)
-        result = replace(result, surface=surface)
+    result = RunResult(scene, target, dataset, analysis, waves=waves, surface=surface)
     if not {"bands", "dos", "gaps"} & set(scene.observe):
         return result
     from granphon.phonons.phonons import Phonons

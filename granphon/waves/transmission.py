@@ -14,6 +14,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.array.sparse_matrices import factorise
 from granphon.base.arrays import Array, Complex
 from granphon.base.errors import InputError
 from granphon.base.results import Result
@@ -22,6 +23,7 @@ from granphon.dynamics.bloch_waves import BlochWaves, Couplings, find_bloch_wave
 from granphon.dynamics.damping import ContactDamping
 from granphon.dynamics.half_space import HalfSpace
 from granphon.networks.network import given_network
+from granphon.waves.modes import PIVOT
 from granphon.waves.operator import WaveOperator
 
 #: distance, over the diameter, up to which a ball of the strip stands where one of a lead would
@@ -281,7 +283,6 @@ def _scatter(
 ) -> tuple[Complex, Complex]:
     """Return the amplitudes of waves that are sent back (m, m), and that pass (n, m), at w = omega^2."""
     from scipy.sparse import csc_array, eye_array
-    from scipy.sparse.linalg import splu
 
     (first, last), (lower, upper) = leads, ends
     (come, leave), (go, _) = waves
@@ -296,6 +297,6 @@ def _scatter(
     shape, factor = come.vectors[:, : come.running], come.factors[: come.running] ** reach
     pushed = one.up @ shape * factor
     drive = lower.conj().T @ (one.down @ (shape - back @ pushed))
-    moved = splu((w * eye_array(matrix.shape[0], format="csc") - matrix).tocsc()).solve(np.asarray(drive, complex))
+    moved = factorise(w * eye_array(matrix.shape[0]) - matrix, pivot=PIVOT).solve(np.asarray(drive, complex))
     sent = leave.find_parts(back @ (one.up @ (lower @ moved) - pushed))
     return sent, go.find_parts(ahead @ (other.down @ (upper @ moved)))

@@ -198,6 +198,8 @@ def test_a_shaker_pushes_and_tables_give_the_work(tmp_path):
     motion = floor.run(tmp_path / "floor", figures=False).waves.motion
     assert_allclose(np.abs(motion.displacements[:, 20, 1]).max(), 2e-8, rtol=0.05)  # the floor comes after the balls
     assert motion.work[-1] > 0.0
+    table = np.genfromtxt(tmp_path / "floor" / "motion_contacts.csv", delimiter=",", names=True)
+    assert_allclose(table["distance_m"], table["y_m"] + 4e-3, rtol=1e-12)  # of the whole floor, wherever it is touched
 
 
 @pytest.mark.parametrize(

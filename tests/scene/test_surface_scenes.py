@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.base.errors import SceneError
+from granphon.dynamics.half_space import HalfSpace
 from granphon.scene.redraw import redraw
 
 PACKING = """
@@ -53,6 +54,14 @@ def test_a_single_state_has_a_map_a_table_and_a_figure(tmp_path):
     assert gp.plot(result).axes[0].get_ylabel() == "Frequency (kHz)"
     again = gp.Scene.from_text(one.to_yaml())
     assert again == one
+
+
+@pytest.mark.parametrize(("text", "words"), [(PACKING, {"LATTICE": "fcc", "AXIS": "1 1 0"}), (CRYSTAL, {})])
+def test_a_run_searches_the_waves_of_a_state_once(text, words, tmp_path, monkeypatch):
+    searches, find = [], HalfSpace.find_waves
+    monkeypatch.setattr(HalfSpace, "find_waves", lambda half, q: searches.append(q) or find(half, q))
+    scene(text, FORCE="18 N", **words).run(tmp_path, figures=False)
+    assert len(searches) == 1
 
 
 @pytest.mark.parametrize(("text", "words"), [(PACKING, {"LATTICE": "fcc", "AXIS": "1 1 0"}), (CRYSTAL, {})])
