@@ -118,15 +118,16 @@ def read_edges(value: Any) -> tuple[str, str]:
     return found[0], found[-1]
 
 
-def find_faces(heights: Array, radii: Array, edges: tuple[str, str], n: int) -> tuple[Index, Index]:
+def find_faces(heights: Array, radii: Array, edges: tuple[str, str], n: int, slack: float = 0.0) -> tuple[Index, Index]:
     """Return the balls of the lower and the upper face of layers of ``n`` balls at ``heights``.
 
-    They are those that a plane would touch, or where the face is clamped, all of the outer layer.
+    They are those that a plane would touch, or come nearer to than ``slack``, or where the face is clamped, all of the outer
+    layer.
     """
     found = []
     for side, word, first in ((-1.0, edges[0], 0), (1.0, edges[1], len(heights) - n)):
         top = np.where(np.isfinite(radii), side * heights + radii, -np.inf)  # walls are no balls
-        touched = np.flatnonzero(top >= top.max() - TOUCH * radii[np.isfinite(radii)].max())
+        touched = np.flatnonzero(top >= top.max() - slack - TOUCH * radii[np.isfinite(radii)].max())
         found.append(first + np.arange(n) if word == "clamped" else touched)
     return found[0], found[1]
 

@@ -51,6 +51,8 @@ _ALONG = 1e-2
 LEAST_LOAD = 1e-6
 #: sum of the forces on a ball, over the sum of their sizes, up to which they are in balance
 _BALANCED = 1e-3
+#: difference of the radii of balls that name no kind, over their mean, below which they are of one
+_ALIKE = 0.25
 #: most cells along a period
 MOST_CELLS = 1_000_000
 
@@ -490,7 +492,11 @@ class ContactNetwork(Result):
         kept = has_i & has_j
         balls: dict[str, Any] = {name: np.tile(getattr(self, name), count) for name in _BALLS}
         balls["positions"] = ((sites @ turn.T)[None] + np.arange(count)[:, None, None] * stack).reshape(-1, 3)
-        faces = find_faces(balls["positions"][:, p], balls["radii"], words, n)
+        # a layer of balls of one kind is a face though they differ, and by that are off their sites
+        kinds, solid = np.array(self.kinds or [""] * n), np.isfinite(self.radii)
+        differ = max(float(np.ptp(self.radii[solid & (kinds == kind)])) for kind in set(kinds[solid].tolist()))
+        differ *= bool(self.kinds) or differ < _ALIKE * float(np.mean(self.radii[solid]))
+        faces = find_faces(balls["positions"][:, p], balls["radii"], words, n, 4.0 * differ)
         contacts: dict[str, Any] = {name: getattr(self, name)[row[kept]] for name in self.contact_fields}
         contacts |= {name: contacts[name] @ turn.T for name in ("normal", "tangential_force") if name in contacts}
         contacts |= {"i": i[kept], "j": j[kept], "shift": np.pad(inner[kept], ((0, 0), (0, 3 - p)))}
@@ -502,7 +508,8 @@ class ContactNetwork(Result):
             lost = np.flatnonzero((has_i | has_j) & ((np.minimum(i, j) < 0) if side < 0.0 else (np.maximum(i, j) >= total)))
             ball, out = np.where(has_i, i, j)[lost], np.where(has_i, side, -side)[lost]
             lost, ball, out = (one[np.isin(ball, at)] for one in (lost, ball, out))
-            if (spare := np.setdiff1d(at, ball)).size:
+            spare, at = np.setdiff1d(at, ball), np.intersect1d(at, ball)
+            if spare.size and (not differ or not at.size):  # of balls that differ some may carry no load there
                 what = f"ball {spare[0]} of the {'lower' if side < 0.0 else 'upper'} face has lost no contact there"
                 raise InputError(what, "A floor has the stiffness of such contacts", "Cut elsewhere, or clamp it")
             place, which, m = np.searchsorted(at, ball), row[lost], len(at)

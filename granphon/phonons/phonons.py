@@ -265,7 +265,7 @@ class Phonons:
         q, found = self.lattice.wavevectors(points), ContactDamping.of(network, damping, loss_factor)
         undamped, even = self.lattice.frequencies(q), found.find_even(network)
         if even is not None:
-            omega = damp_evenly(undamped, even[0], even[1] * top)
+            omega = np.sort(damp_evenly(undamped, even[0], even[1] * top))
         else:
             matrices = self.lattice.damped_matrices(q, found.times[:, kept] * top, found.losses[:, kept])
             omega, _ = damp_unevenly(*matrices)

@@ -330,7 +330,7 @@ class Passage(NamedTuple):
 
     Attributes
     ----------
-    distances : (n_c,) of contacts from the nearest ball that is driven, or its nearest image, m.
+    distances : (n_c,) of contacts from the nearest ball or wall that is driven, or its nearest image, m.
     arrivals : (n_c,) times at which the force has changed by half of what it ever changes, s; nan where it hardly does.
     peaks, heights : (n_c,) times, s, and sizes, N, of the greatest force; a time is nan at the ends of the motion.
     front, peak : velocities of the arrivals and of the peaks, m/s: the slopes of the lines of least squares of distances
@@ -352,6 +352,9 @@ class Passage(NamedTuple):
         cells = np.array(list(product(*([-1, 0, 1] if one else [0] for one in network.pbc))))
         images = (network.positions[source] + (cells @ network.cell)[:, None]).reshape(-1, 3)
         distances = np.asarray(cKDTree(images).query(motion.middles)[0])
+        for wall in set(source.tolist()) & set(network.walls):  # a plane, which is nearer than the place that it is given at
+            place, toward = network.walls[wall]
+            distances = np.minimum(distances, np.abs((motion.middles - place) @ toward))
         change = np.abs(motion.forces - motion.forces[0])
         least = _STILL * float(change.max(initial=0.0)), _ROUNDING * float(motion.forces[0].max(initial=0.0)), 1e-300
         moved = change.max(axis=0) > max(least)

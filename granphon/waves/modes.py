@@ -542,7 +542,8 @@ def find_damped(
     if even is not None:
         modes = find_modes(operator, count, nearest)
         omega = damp_evenly(2.0 * math.pi * modes.frequencies, *even)
-        return DampedModes(omega / (2.0 * math.pi), modes.vectors.astype(complex))
+        order = np.argsort(omega)  # by their real part: the highest modes are the first to creep
+        return DampedModes(omega[order] / (2.0 * math.pi), modes.vectors[order].astype(complex))
     count = whole_number("count", count, 1)
     target = 0.0 if nearest is None else 2.0 * math.pi * not_negative("nearest", nearest, "Hz")
     n, top, matrix = operator.size, operator.top, operator.matrix

@@ -8,7 +8,8 @@ with the damping of :mod:`granphon.dynamics.damping`; a wall that is moved pulls
 springs and dashpots. There are two ways to solve it.
 
 Directly: sparse LU factors of Z at each frequency, in an order of the motions that is found once. Further solutions, of what
-is left, mend the first until they change it no more; the last change is the error.
+is left, mend the first until they change it no more. The error is the last change, and what the rounding of Z and omega
+makes, which is large next to modes that lose no energy.
 
 By one Krylov space for all frequencies, of the source and a matrix H that does not depend on them: each step multiplies the
 last vector by H and makes the result orthogonal to the two before it. On these vectors H is a tridiagonal matrix, with which
@@ -610,6 +611,9 @@ class _Problem:
                     error[row] = np.max(np.abs(found - before)) / (np.max(np.abs(found)) or 1.0)
                     if solution and error[row] <= TOLERANCE:
                         break
+                # the entries of Z, and omega, have the rounding of a float
+                rounded = factors.solve(np.finfo(float).eps * (np.abs(matrix.diagonal()) + 2.0 * w**2 / squared) * x)
+                error[row] += np.max(np.abs(self._listen(rounded[place]))) / (np.max(np.abs(found)) or 1.0)
             except RuntimeError:  # exactly singular
                 raise _explain_resonance(w) from None
             if not np.linalg.norm(change) <= _UNKNOWN * np.linalg.norm(x):
@@ -657,11 +661,14 @@ class _Problem:
                 matrix = bands[:, :step].copy()
                 matrix[1] -= space.shifts[place]
                 y = solve_banded((1, 1), matrix, np.eye(1, step, dtype=complex)[0], check_finite=False)
-                values[place] = found = size * space.scale[place] * (y @ signals[:step]) + told[place]
+                z = solve_banded((1, 1), matrix, np.finfo(float).eps * largest * y, check_finite=False)  # rounding of H
+                found, rounded = size * space.scale[place] * (np.stack([y, z]) @ signals[:step])
+                values[place] = found = found + told[place]
                 rest = 0.0 if complete else abs(size) * length * float(part[place])
                 least = abs(space.scale[place]) * loud * rest * space.bound[place]
-                cut = least / (float(np.max(np.abs(found))) or least or 1.0)
-                error[place] = np.finfo(float).eps * math.sqrt(step) * growth + cut
+                heard = float(np.max(np.abs(found))) or least or 1.0
+                cut = least / heard
+                error[place] = np.finfo(float).eps * math.sqrt(step) * growth + np.max(np.abs(rounded)) / heard + cut
                 # before anything is heard nothing is known
                 enough = _ROUNDING * abs(size) * growth if np.any(found) else 0.0
                 left[place] = not complete and cut > tolerance and rest > enough

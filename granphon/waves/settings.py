@@ -279,7 +279,7 @@ class DriveSettings:
 
     Attributes
     ----------
-    balls : their numbers; or "lower" or "upper": the floor at this face of the array, or its outer layer of balls.
+    balls : their numbers; or "lower" or "upper": the floor at this face of the array, its clamped balls, or its outer layer.
     direction : Cartesian; None for x.
     impact : velocity at the start, m/s.
     shaker : :class:`Shaker`.
@@ -310,7 +310,12 @@ class DriveSettings:
         balls = np.isfinite(network.radii)
         top = float(np.max(heights[balls]))
         floor = np.flatnonzero(~balls & (heights > top))
-        return floor if floor.size else np.flatnonzero(balls & (heights > top - 0.5 * float(np.mean(network.radii[balls]))))
+        if floor.size:
+            return floor
+        outer = balls & (heights > top - 0.5 * float(np.mean(network.radii[balls])))
+        if not np.any(network.moving[outer]):  # a clamped layer moves as a whole, whatever balls it has
+            outer = balls & ~network.moving & (heights > 0.5 * (top + float(np.min(heights[balls]))))
+        return np.flatnonzero(outer)
 
 
 @dataclass(frozen=True)

@@ -212,8 +212,9 @@ class Waves:
         count, nearest : number of modes, and the frequency, Hz, to which their real parts are nearest; None for the lowest.
         damping, loss_factor : of the contacts, s and a number, as for :meth:`response`.
 
-        Where all contacts are damped alike they are those of :meth:`modes`. Else all are found up to 300 motions of all
-        balls; larger networks are factorised once, up to 300,000 motions in the plane and 12,000 in space.
+        Where all contacts are damped alike they are those of :meth:`modes`, the nearest without losses. Else all are found
+        up to 300 motions of all balls; larger networks are factorised once, up to 300,000 motions in the plane and 12,000 in
+        space.
 
         Raises :class:`~granphon.base.errors.InputError` for a damping below zero, for more modes than there are, and for a
         larger network that is damped unevenly; :class:`~granphon.base.errors.PrecisionError` for dashpots that differ and

@@ -192,6 +192,25 @@ def test_a_clamped_edge_is_that_of_heavy_balls_and_a_floor_has_the_springs_that_
     assert_allclose(floor.normal_stiffness[-1], network.normal_stiffness[0], rtol=1e-12)
 
 
+@pytest.mark.parametrize("geometry", ["lattice", "exact"])
+def test_a_floor_bears_a_whole_layer_of_balls_that_differ(geometry):
+    """Both floors carry the force that crosses the edge of the array; a sample of a crystal has a floor as its crystal."""
+    packing = gp.Packing(STEEL, D, gp.Uniform(2e-6))
+    network = gp.DirectSimulation(packing, shape=(12, 12), geometry=geometry).at_force(20.0).sample.network
+    crossing = network.shift[:, 1] != 0
+    force = np.sum(network.normal_force[crossing] * np.abs(network.normal[crossing, 1]))
+    floor = network.cut(1, 1, "floor")
+    for wall in np.flatnonzero(np.isinf(floor.radii)):
+        assert np.count_nonzero(floor.j == wall) == 12
+        assert_allclose(np.sum(floor.normal_force[floor.j == wall]), force, rtol=1e-3)
+    sample = gp.Crystal.on("triangular", [replace(BALL, spread=gp.Uniform(2e-6))]).sample((3, 3))
+    own, cut = (
+        sample.at_force(40.0).network.cut(1, 2, ("floor", "free")),
+        sample.cut(1, 2, ("floor", "free")).at_force(40.0).network,
+    )
+    assert set(zip(own.i, own.j, strict=True)) == set(zip(cut.i, cut.j, strict=True))
+
+
 def test_a_cut_of_a_network_is_turned_as_that_of_its_crystal():
     crystal = gp.Crystal.on("fcc", [BALL])
     for axis in (0, (1, 1, 0), (1, -1, 2)):

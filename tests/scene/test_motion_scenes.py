@@ -198,6 +198,8 @@ def test_a_shaker_pushes_and_tables_give_the_work(tmp_path):
     motion = floor.run(tmp_path / "floor", figures=False).waves.motion
     assert_allclose(np.abs(motion.displacements[:, 20, 1]).max(), 2e-8, rtol=0.05)  # the floor comes after the balls
     assert motion.work[-1] > 0.0
+    table = np.genfromtxt(tmp_path / "floor" / "motion_contacts.csv", delimiter=",", names=True)
+    assert_allclose(table["distance_m"], table["y_m"] + 4e-3, rtol=1e-12)  # of the whole floor, wherever it is touched
 
 
 @pytest.mark.parametrize(
@@ -260,6 +262,14 @@ def test_samples_of_a_simulation_move_and_are_averaged(tmp_path):
     ]  # fmt: skip
     assert_allclose(numbers["greatest_force"], np.mean(peaks), rtol=1e-12)
     assert result.waves.motion.forces.max() == peaks[0]
+
+
+def test_a_clamped_layer_of_several_balls_is_moved_as_a_whole():
+    """The cell of a honeycomb has two balls, of which the upper one touches the balls that move; both faces."""
+    crystal = gp.Crystal.on("honeycomb", [gp.Ball(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)])
+    array = crystal.at_force(10.0).network.cut(1, 4, "clamped")
+    for word, wanted in (("lower", [0, 1]), ("upper", [6, 7])):
+        np.testing.assert_array_equal(DriveSettings(balls=word, impact=1.0).find_balls(array), wanted)
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 import ctypes
 import math
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -65,7 +66,7 @@ def test_chain_on_a_moved_wall_inside_and_above_its_band(edge):
     expected = np.cos((balls - places + 0.5) * t) / np.cos((balls + 0.5) * t)
     assert found.values.shape == (omega.size, balls)
     assert_allclose(found.values, expected, rtol=1e-10)
-    assert np.max(found.error) < 1e-12
+    assert np.max(found.error) < 1e-11
     assert not found.warnings
     by_plane = gp.Waves(network).response(omega * HERTZ, "plane", "plane", quantity="transmissibility")
     assert_allclose(by_plane.coherent, expected[:, -1], rtol=1e-10)
@@ -93,6 +94,21 @@ def test_one_ball_on_a_spring_and_a_dashpot():
     assert np.array_equal(np.asarray(again), found[0].values)
 
 
+@pytest.mark.parametrize("method", ["direct", "krylov"])
+def test_error_next_to_a_mode_has_the_rounding_of_the_frequency(method):
+    network, eta = chain(2, ("clamped", "free")), 2.0**-41
+    stiffness, mass = Fraction(network.normal_stiffness[0]), Fraction(network.masses[1])
+    hertz = HERTZ * (1.0 + np.geomspace(1e-12, 1e-6, 7))
+    found = gp.Waves(network).response(hertz, (1, "x"), (1, "x"), loss_factor=eta, method=method)
+    two_pi, lost = 2 * Fraction("3.14159265358979323846264338327950288"), stiffness * Fraction(eta)
+    rest = [stiffness - mass * (two_pi * Fraction(one)) ** 2 for one in hertz.tolist()]
+    exact = np.array([complex(one / (one**2 + lost**2), -lost / (one**2 + lost**2)) for one in rest])
+    assert np.all(np.abs(found.values[:, 0] / exact - 1.0) <= 2.0 * found.error)
+    rounding = found.error * np.hypot(2.0 * (hertz / HERTZ - 1.0), eta)
+    assert np.all((rounding > 1e-16) & (rounding < 2e-15))
+    assert "a mode hardly loses energy" in found.warnings[0]
+
+
 @pytest.mark.claim("local-dos-chain")
 def test_local_density_at_the_free_end_of_a_chain_to_second_order_of_the_resolution():
     # (2/pi)(1 - omega^2/4)^1/2 of a half-infinite chain; the echo of the other end comes after as many moments as balls
@@ -116,6 +132,24 @@ def test_modes_of_one_ball_swing_or_creep(damping):
     for found in (even, uneven):
         assert_allclose(found.frequencies, [expected * HERTZ], rtol=1e-12)
         assert_allclose(found.quality, [expected.real / (2.0 * expected.imag)], atol=1e-12)
+
+
+@pytest.mark.parametrize("damping", [0.9, 1.6])
+def test_strongly_damped_modes_ascend_in_their_real_part(damping):
+    # 2 sin(t/2) of bands and of a chain between walls, damped beyond 2^1/2 over the highest frequency; some creep in the end
+    network, q, tau = ideal("chain", 0.0), np.linspace(0.1, 0.5, 5)[:, None], damping / OMEGA
+    walls = network.cut(0, 12, "clamped")
+    modes = gp.Waves(walls).damped_modes(10, damping=tau)
+    free = 2.0 * np.sin(0.5 * np.pi * np.arange(1, 11) / 11)
+    creep = 0.5 * damping * free**2
+    roots = 1j * creep + np.sqrt(free**2 - creep**2 + 0j)
+    expected = np.where(creep > free, 1j * (creep - np.sqrt(np.maximum(creep**2 - free**2, 0.0))), roots)
+    assert_allclose(modes.frequencies / HERTZ, np.sort(expected), rtol=1e-9)
+    for frequency, vector in zip(modes.frequencies / HERTZ, modes.vectors[:, 1:-1, 0], strict=True):
+        left = (1.0 + 1j * frequency * damping) * np.convolve(vector, [-1.0, 2.0, -1.0], "same") - frequency**2 * vector
+        assert np.linalg.norm(left) < 1e-9
+    two = gp.Phonons(network.repeat((2,))).damped(q, tau)
+    assert np.all(np.diff(two.frequencies.real, axis=1) >= 0.0)
 
 
 def test_modes_that_creep_have_digits_or_are_refused():
