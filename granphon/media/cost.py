@@ -59,7 +59,7 @@ _FACTOR_FORCE = 0.015
 _FACTOR_BYTES = 2100.0
 _ROTATING_FACTOR_BYTES = 4900.0
 #: times of a step of a motion and of each deformation of a contact in it, s; of a frame, and of each contact in it
-_MOTION_TIMES, _FRAME_TIMES = (3e-5, 1.2e-8), (4e-4, 4e-7)
+_MOTION_TIMES, _FRAME_TIMES = (3e-5, 1.2e-8), (4e-4, 1e-6)
 #: times of a step with contacts that turn, and of each contact in it
 _TURNING_TIMES = 6e-5, 8e-8
 #: times by which steps are longer with dashpots, and implicit ones
