@@ -189,11 +189,7 @@ class TrueDirections:
         if network.tangential_force is not None:
             self.held[:3, : network.n_contacts] = -network.tangential_force.T
         self.way, self.turned, self._mean = np.empty((rows, n)), np.empty((rows, n)), np.empty((4, n))
-        # the place of each motion among the six of all balls, and what it is of the mass-weighted one
-        axes = np.array([*operator.motions.translations, *(3 + axis for axis in operator.motions.rotations)])
-        self._places = operator.vector(6 * operator.balls[:, None] + axes).astype(np.uintp)
-        masses = np.where(axes < 3, network.masses[operator.balls, None], network.inertias[operator.balls, None])
-        self._weights = operator.vector(1.0 / np.sqrt(masses))
+        self._places, self._weights = operator.in_balls
         at = self.locate(np.zeros(operator.size), np.zeros(len(moved)))
         self._still = self._act(at, np.concatenate([np.zeros((1, n)), self.held]), at)
         self.load = -self._gather(self._still)

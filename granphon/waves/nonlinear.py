@@ -429,14 +429,12 @@ class _System:
     def read(self, name: str, given: ArrayLike | None) -> Array:
         """Return vectors of balls (n, 3) or (n, d) as mass-weighted motions (size,)."""
         operator, network = self.operator, self.network
-        out = np.zeros((operator.balls.size, operator.motions.count))
         if given is None:
-            return np.asarray(operator.vector(out))
+            return np.zeros(operator.size)
         values = real_array(name, given)
         self.waves._require_shape(name, values)
         turns = name in ("rotations", "spins")
         axes = operator.motions.rotations if turns else operator.motions.translations
-        columns = operator.motions.turning if turns else operator.motions.translating
         if values.shape[1] <= max(axes, default=0):
             raise InputError(f"{name} has the shape {values.shape}", mend=f"Give ({network.n_balls}, 3)")
         values = np.pad(values, ((0, 0), (0, 3 - values.shape[1])))
@@ -444,9 +442,8 @@ class _System:
         if np.any(fast := np.any(values, axis=1) & ~network.moving):
             what = f"{name} of ball {np.flatnonzero(fast)[0]} are not zero"
             raise InputError(what, "It is held, or is displaced by a drive, whatever acts on it", "Let them be zero")
-        weight = np.sqrt((network.inertias if turns else network.masses)[operator.balls])[:, None]
-        out[:, columns] = values[operator.balls][:, list(axes)] * weight
-        return np.asarray(operator.vector(out))
+        places, scale = operator.in_balls
+        return np.asarray(np.pad(values, ((0, 0), (3 * turns, 3 - 3 * turns))).ravel()[places] / scale)
 
     def choose_step(self, x: Array, energy: float) -> float:
         """Return a step for the contacts at the start, and for those that a ball of this kinetic energy, J, would press."""
@@ -498,7 +495,7 @@ class _System:
                 self._keep(number, kept)
                 yield True
                 if self.waves.geometry == "lattice":
-                    away = float(np.max(np.abs(self._to_balls(self.x, False)), initial=0.0))
+                    away = float(np.max(np.abs(self.operator.to_balls(self.x)[:, :3]), initial=0.0))
                     if not away < _AWAY * 2.0 * float(np.mean(self.network.radii[self.network.moving])):
                         raise _Stop(f"a ball has left its place by {away:.3g} m, which needs geometry: exact")
 
@@ -607,14 +604,15 @@ class _System:
         stored = float(np.sum(normal.store(touch.e))) + springs - self._at_rest - float(self._weight @ self.x)
         wide = self._wide * np.sqrt(np.maximum(normal.overlap - touch.e, 0.0))
         self.widest = max(self.widest, float(np.max(wide, initial=0.0)))
-        time, speeds = number * step, self._to_balls(self.v, False)
+        time, both = number * step, (self._displace(), operator.to_balls(self.v))
+        (places, turns), (speeds, spins) = (np.split(one, 2, axis=1) for one in both)
         before, after = (self._follow(max(time + shift * step, 0.0))[0] for shift in (-1, 1)) if self._ways else ((), ())
         for (balls, along), low, high in zip(self.moved, before, after, strict=True):
             speeds[balls] = (high - low) / (step * (2 if number else 1)) * along
         kept.keep(
             {
-                "times": time, "displacements": self._displace(), "velocities": speeds,
-                "rotations": self._to_balls(self.x, True), "spins": self._to_balls(self.v, True),
+                "times": time, "displacements": places, "velocities": speeds,
+                "rotations": turns, "spins": spins,
                 "translation": 0.5 * float(np.sum(square[~operator.is_rotation])),
                 "rotation": 0.5 * float(np.sum(square[operator.is_rotation])),
                 "stored": stored + self.where.rest_energy(self.at),
@@ -635,10 +633,10 @@ class _System:
         return ways, lifts
 
     def _displace(self) -> Array:
-        """Return the displacements (n, 3) of all balls and bodies, m."""
-        found = self._to_balls(self.x, False)
+        """Return displacements, m, and rotations, rad, (n, 6) of all balls and bodies."""
+        found = self.operator.to_balls(self.x)
         for (balls, along), way in zip(self.moved, self.ways, strict=True):
-            found[balls] = way * along
+            found[balls, :3] = way * along
         return found
 
     def _watch(self, ways: Array) -> None:
@@ -653,7 +651,7 @@ class _System:
         speed = math.sqrt(3.0) * abs(float(self.v[idamax(self.v)])) / self._lightest  # no ball is faster
         self._travelled += self.step * speed + (float(np.max(np.abs(ways - self.ways))) if len(ways) else 0.0)
         if self._travelled > 0.5 * self._skin:
-            gone = self.network.positions + self._displace() - self._listed
+            gone = self.network.positions + self._displace()[:, :3] - self._listed
             self._travelled = math.sqrt(np.max(np.sum(gone * gone, axis=1)))
             if self._travelled > 0.45 * self._skin:
                 self._list()
@@ -661,7 +659,7 @@ class _System:
     def _list(self) -> None:
         """List the balls that may meet; contacts that are listed again keep their state."""
         network, touch, radii = self.network, self.touch, self.network.radii
-        places = self._listed = network.positions + self._displace()
+        places = self._listed = network.positions + self._displace()[:, :3]
         self._travelled = 0.0
         round_ones = np.flatnonzero(np.isfinite(radii))
         periods, margin = network.cell[list(network.pbc)], self._skin + max(self._bulge, 0.0)
@@ -697,16 +695,6 @@ class _System:
         pull[:, :n], pull[:, n + old] = touch.pull[:, :n], touch.pull[:, before[old]]
         pull[0] = change
         self.touch = Touch(self.at.e, pull, k)
-
-    def _to_balls(self, vector: Array, turns: bool) -> Array:
-        """Return mass-weighted motions (size,) as vectors (n, 3): displacements, or rotations."""
-        operator, network, motions = self.operator, self.network, self.operator.motions
-        axes = motions.rotations if turns else motions.translations
-        columns = motions.turning if turns else motions.translating
-        weight = np.sqrt((network.inertias if turns else network.masses)[operator.balls])[:, None]
-        out = np.zeros((network.n_balls, 3))
-        out[operator.balls[:, None], list(axes)] = operator.values(vector)[:, columns] / weight
-        return out
 
 
 def _lose(dash: Array, stretched: Array, moved: Array) -> float:

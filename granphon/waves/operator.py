@@ -114,6 +114,19 @@ class WaveOperator(LinearOperator):
         """(size,) whether each number of a vector belongs to a rotation."""
         return np.asarray(self.vector(np.broadcast_to(self.motions.is_rotation, (self.balls.size, self.motions.count))))
 
+    @cached_property
+    def in_balls(self) -> tuple[NDArray[np.uintp], Array]:
+        """(size,) the place of each motion among the six (n, 6) of all balls, and what that is of the mass-weighted one."""
+        network, axes = self.network, np.array([*self.motions.translations, *(3 + axis for axis in self.motions.rotations)])
+        masses = np.where(axes < 3, network.masses[self.balls, None], network.inertias[self.balls, None])
+        return self.vector(6 * self.balls[:, None] + axes).astype(np.uintp), self.vector(1.0 / np.sqrt(masses))
+
+    def to_balls(self, vector: Array) -> Array:
+        """Return mass-weighted motions (size,) as displacements, m, and rotations, rad, (n, 6) of all balls."""
+        found, (places, scale) = np.zeros((self.network.n_balls, 6)), self.in_balls
+        found.reshape(-1)[places] = scale * vector
+        return found
+
     def push(self, balls: Index, along: Array, weights: Array) -> Array:
         """Return the vector (size,) of translations ``along`` (3,) of some balls, times their ``weights`` (k,)."""
         vector, axes = np.zeros(self.size), list(self.motions.translations)
