@@ -194,7 +194,8 @@ class Motion(Result):
         """Return frequencies, Hz, and amplitudes, m, of the displacement of a ball along an ``axis``, each (n_f//2 + 1,).
 
         The mean is left out. A Hann window keeps frequencies apart; the amplitude is that of a steady motion at a frequency
-        of the list, to 1 % from the second above zero to the third from the end. Raises :class:`~granphon.base.errors.InputError` for fewer than four frames.
+        of the list, to 1 % from the second above zero to the third from the end. Raises
+        :class:`~granphon.base.errors.InputError` for fewer than four frames.
         """
         values = self.displacements[
             :, whole_number("ball", ball, 0, self.network.n_balls - 1), whole_number("axis", axis, 0, 2)

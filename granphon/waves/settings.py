@@ -251,7 +251,7 @@ class Signal:
         return float(np.interp(time, self.times, self.values))
 
     def lost(self, step: float, end: float) -> float:
-        """Return the part of the area under the signal up to ``end``, s, that its values at each ``step``, s, do not show."""
+        """Return the part of the area under the signal up to ``end``, s, that values at each ``step``, s, do not show."""
         steps = np.floor(np.divide(self.times, step))
         seen = step * np.union1d(steps, steps + 1.0)
         times = np.union1d([*self.times, end], seen)
