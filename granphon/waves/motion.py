@@ -82,7 +82,8 @@ class Motion(Result):
         Raises :class:`~granphon.base.errors.InputError` for a file that is not there, or that is of another kind or schema,
         and for ``frames`` that are none, or that run backwards.
         """
-        if not isinstance(frames, slice) or (isinstance(frames.step, int) and frames.step < 0):
+        given: Any = frames
+        if not isinstance(given, slice) or (isinstance(given.step, int) and given.step < 0):
             raise InputError(f"frames is {brief(frames)}", mend="Give a slice, such as slice(0, 10)")
         found, about = read_records(path, _ABOUT, frames)
         if not len(found.get("times", [0])):
