@@ -91,6 +91,8 @@ _STILL = 1e-3
 _ROUNDING = 1e-10
 #: least number of steps in a period of a shaker
 _PER_PERIOD = 10
+#: most of the area under the table of a drive that may fall between steps
+_MOST_LOST = 0.1
 #: parts of the greatest distance between which velocities are read
 _BETWEEN = (0.25, 0.75)
 #: least correlation of a line
@@ -295,11 +297,16 @@ class PreparedMotion:
         if np.any(self.velocities[np.concatenate(led)]):
             raise InputError("an impact on a body that is held or displaced", mend="Give it a shaker or a displacement")
         shaken = max((one.shaker.frequency for one in settings.drive if one.shaker is not None), default=0.0)
-        if shaken:
+        signals = [one.force or one.displacement for one in settings.drive]
+        if shaken or any(signals):
             step = settings.step or self.waves.find_step(float(np.linalg.norm(self.velocities, axis=1).max()))
-            if min(step, settings.duration / (settings.frames - 1)) * shaken * _PER_PERIOD > 1.0:
+            step = min(step, settings.duration / (settings.frames - 1))
+            if step * shaken * _PER_PERIOD > 1.0:
                 what = f"a shaker has the frequency {shaken:.4g} Hz, and steps have {step:.3g} s"
                 raise InputError(what, f"A period would have fewer than {_PER_PERIOD} steps", "Give a shorter step")
+            if (lost := max((one.lost(step, settings.duration) for one in signals if one), default=0.0)) > _MOST_LOST:
+                what = f"{100.0 * lost:.3g} % of the table of a drive are lost between steps of {step:.3g} s"
+                raise InputError(what, mend="Give a shorter step")
 
     def run(self) -> Motion:
         """Let the balls move; :class:`~granphon.base.errors.ConvergenceError` for a motion that ends before its time."""

@@ -79,11 +79,15 @@ class Motion(Result):
         may be larger than the memory. An open binary file is read whole, and of a file that was cut the frames that are
         whole, with a :class:`~granphon.base.errors.StoppedEarlyWarning`.
 
-        Raises :class:`~granphon.base.errors.InputError` for a file that is not there, or that is of another kind or schema.
+        Raises :class:`~granphon.base.errors.InputError` for a file that is not there, or that is of another kind or schema,
+        and for ``frames`` that are none, or that run backwards.
         """
-        if not isinstance(frames, slice):
+        given: Any = frames
+        if not isinstance(given, slice) or (isinstance(given.step, int) and given.step < 0):
             raise InputError(f"frames is {brief(frames)}", mend="Give a slice, such as slice(0, 10)")
         found, about = read_records(path, _ABOUT, frames)
+        if not len(found.get("times", [0])):
+            raise InputError(f"frames is {brief(frames)}, and the file has none of them", mend="Give others")
         try:
             own = {name.removeprefix("network_"): found.pop(name) for name in list(found) if name.startswith("network_")}
             for name in ("i", "j", "shift", "labels"):
@@ -145,7 +149,7 @@ class Motion(Result):
         top, last = np.argmax(self.forces, axis=0), len(self.times) - 1
         before, after = np.maximum(top - 1, 0), np.minimum(top + 1, last)
         low, most, high = (self.forces[at, np.arange(len(top))] for at in (before, top, after))
-        bend, tilt = low - 2.0 * most + high, low - high
+        bend, tilt = (low - most) + (high - most), low - high  # so of a change by rounding it is not zero either
         shift = np.divide(0.5 * tilt, bend, out=np.zeros_like(bend), where=after == before + 2)
         return self.times[top] + 0.5 * shift * (self.times[after] - self.times[before]), most - 0.25 * tilt * shift
 
@@ -191,7 +195,8 @@ class Motion(Result):
         """Return frequencies, Hz, and amplitudes, m, of the displacement of a ball along an ``axis``, each (n_f//2 + 1,).
 
         The mean is left out. A Hann window keeps frequencies apart; the amplitude is that of a steady motion at a frequency
-        of the list. Raises :class:`~granphon.base.errors.InputError` for fewer than four frames.
+        of the list, to 1 % from the second above zero to the third from the end. Raises
+        :class:`~granphon.base.errors.InputError` for fewer than four frames.
         """
         values = self.displacements[
             :, whole_number("ball", ball, 0, self.network.n_balls - 1), whole_number("axis", axis, 0, 2)

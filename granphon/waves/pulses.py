@@ -522,7 +522,8 @@ class Pulse(Result):
 
     def _find_echo(self) -> str:
         """Return why an echo makes times of flight unknown, if one may come before the pulse is at its height."""
-        needed = 0.5 * self.cycles / self.frequency * float(self.fastest[0])
+        # of the height itself a sample comes before
+        needed = (0.5 * self.cycles / self.frequency + float(self.times[1] - self.times[0])) * float(self.fastest[0])
         if self.echo >= needed:
             return ""
         return (

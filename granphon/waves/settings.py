@@ -250,6 +250,16 @@ class Signal:
         """Return the value at a time, s."""
         return float(np.interp(time, self.times, self.values))
 
+    def lost(self, step: float, end: float) -> float:
+        """Return the part of the area under the signal up to ``end``, s, that values at each ``step``, s, do not show."""
+        steps = np.floor(np.divide(self.times, step))
+        seen = step * np.union1d(steps, steps + 1.0)
+        times = np.union1d([*self.times, end], seen)
+        values = np.interp(times, self.times, self.values)
+        off = values - np.interp(times, seen, np.interp(seen, self.times, self.values))
+        apart, area = (float(np.diff(times) @ np.abs(one[1:] + one[:-1])) for one in (off, values))
+        return apart / area if area else 0.0
+
 
 @dataclass(frozen=True)
 class Shaker:

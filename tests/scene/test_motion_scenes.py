@@ -289,6 +289,7 @@ def test_a_clamped_layer_of_several_balls_is_moved_as_a_whole():
         ("{balls: middle, impact: 1 m/s}", "lower, upper"),
         ("{balls: 2, impact: 1 kg}", "velocity"),
         ("{balls: 2, impact: 1 m/s, direction: 0 0}", "not all zero"),
+        ("{balls: 2, force: {time: [10.1 us, 10.2 us, 10.3 us], force: [0 N, 9 N, 0 N]}}", "the table of a drive are lost"),
         ("{balls: 2, shaker: {amplitude: 1 um}}", "frequency"),
         ("{balls: 2, force: {time: [0 s, -1 us], force: [0 N, 1 N]}}", "negative"),
         ("{balls: 2, force: {time: [1 us, 0 s], force: [0 N, 1 N]}}", "each after the one before"),

@@ -59,6 +59,15 @@ def test_the_greatest_force_may_be_the_first_or_the_last():
     assert_allclose(times, np.where(motion.middles[:, 0] < 10.0, 0.0, 1.0), rtol=0.0)
 
 
+def test_a_peak_by_rounding_is_finite():
+    """A force that one frame has larger by the last digit has its peak beside that frame."""
+    times, heights = make(forces=lambda t, x: np.where(t == 0.5, 1.0, 1.0 - 2.0**-53) + 0.0 * x).peaks()
+    assert_allclose(heights, 1.0)
+    assert_allclose(times, 0.5, rtol=1e-12)
+    times, _ = make(forces=lambda t, x: np.where(t < 0.5, 1.0 - 2.0**-53, 1.0) + 0.0 * x).peaks()
+    assert_allclose(times, 0.5, atol=2.0 / FRAMES)
+
+
 def test_few_frames_have_no_parabola():
     motion = make(forces=lambda t, x: 1.0 + t * (1.0 + x))
     for frames in (1, 2):

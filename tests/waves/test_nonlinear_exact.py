@@ -353,6 +353,9 @@ def test_a_file_of_a_motion_grows_with_contacts_and_frames(tmp_path):
         assert gp.Motion.read(tmp_path / "again.nc") == kept
     part = gp.Motion.read(path, frames=slice(10, 40, 3))
     assert_allclose(part.velocities, kept.velocities[10:40:3])
+    for none in (slice(61, None), slice(None, None, -1)):
+        with pytest.raises(InputError, match="frames is slice"):
+            gp.Motion.read(path, frames=none)
     # a record that is not whole does not count
     raw = path.read_bytes()
     path.write_bytes(raw + b"\0" * 100)

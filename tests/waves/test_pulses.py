@@ -558,6 +558,9 @@ def test_echo_within_the_pulse_is_a_warning():
     # in a ring what runs the other way comes as an echo
     around = waves.transmit(0.95 * least, (0, 1), 16 * D, ends="periodic", duration=early.times[-1])
     require_unknown(around, "an echo from an end")
+    # it comes as the pulse is at its height, and no sample is without it
+    soon = gp.Waves(chain(12)).transmit(1.001 * OMEGA / 6.0, (1,), 3.0 * D, 2, ends="periodic", duration=40.0 / OMEGA)
+    require_unknown(soon, "an echo from an end")
     # at the end itself the first is the one that has crossed the array twice more
     assert not waves.transmit(0.6 * least, (0, 1), 47.5 * D * np.sqrt(0.75)).warnings
     # of a ball in the middle, one end is as near behind it as the other is ahead of the receivers
