@@ -270,25 +270,23 @@ class Frames:
             for pair, value in zip(met, values[base:], strict=True):
                 if pair in self._columns:
                     whole[name][self._columns[pair]] = value
-        self._count, self.last_time = self._count + 1, float(frame["times"])
         if self._path is None:
             self._frames.append(whole)
-            return
-        if self._file is not None and not new:
+        elif self._file is not None and not new:
             with explaining(self._path, _KEPT):
                 self._file.append(whole)
-            return
-        # columns are of a fixed number in a file: it is written anew, and then takes the place of the one before
-        before = dict[str, Any]()
-        if self._file is not None:
-            self._file.close()
-            before = read_records(self._path, _ABOUT)[0]
-        with put_beside(self._path) as beside:
-            self._file = _begin_file(beside, self._network, self._step, self._met, whole)
-            for at in range(self._count - 1):
-                self._file.append({name: _pad(before[name][at], np.shape(last)) for name, last in whole.items()})
-            self._file.append(whole)
-            del before  # some systems do not replace a file that is in use
+        else:  # columns are of a fixed number in a file: it is written anew, and then takes the place of the one before
+            before = dict[str, Any]()
+            if self._file is not None:
+                self._file.close()
+                before = read_records(self._path, _ABOUT)[0]
+            with put_beside(self._path) as beside:
+                self._file = _begin_file(beside, self._network, self._step, self._met, whole)
+                for at in range(self._count):
+                    self._file.append({name: _pad(before[name][at], np.shape(last)) for name, last in whole.items()})
+                self._file.append(whole)
+                del before  # some systems do not replace a file that is in use
+        self._count, self.last_time = self._count + 1, float(frame["times"])  # once it is kept, as Ctrl-C may come before
 
     @property
     def _met(self) -> Index:

@@ -449,13 +449,16 @@ def test_ctrl_c_keeps_what_there_is(tmp_path):
     assert gp.Motion.read(tmp_path / "motion.nc") == motion
 
 
-def test_ctrl_c_before_the_first_frame_ends_the_program(tmp_path):
-    def press(time):
+def test_ctrl_c_before_the_first_frame_ends_the_program(tmp_path, monkeypatch):
+    def press(*_):
         raise KeyboardInterrupt
 
     waves, drive = gp.NonlinearWaves(line(10.0, 4)), gp.Drive(0, (1, 0, 0), force=press)
     with pytest.raises(KeyboardInterrupt):
         waves.run(1e-4, drive=drive, file=tmp_path / "motion.nc")
+    monkeypatch.setattr("granphon.waves.motion._begin_file", press)
+    with pytest.raises(KeyboardInterrupt):
+        waves.run(1e-4, file=tmp_path / "motion.nc")
     assert not list(tmp_path.iterdir())
 
 
