@@ -121,10 +121,8 @@ def estimate_factors(motions: int, dimension: int) -> tuple[float, float]:
     """Return the time, s, and bytes of the factors of a complex matrix; infinite if it is too large to be factorised."""
     if motions > LARGEST_FACTORS[dimension]:
         return math.inf, math.inf
-    time, size = (
-        c * motions * float(motions) ** power for c, power in (_FACTORS_TIME[dimension], _FACTORS_BYTES[dimension])
-    )
-    return time, size
+    (time, later), (size, larger) = _FACTORS_TIME[dimension], _FACTORS_BYTES[dimension]
+    return time * motions * float(motions) ** later, size * motions * float(motions) ** larger
 
 
 def factorise_contacts(stencils: Stencils, stiffness: Array) -> Callable[[Array], Array]:

@@ -443,8 +443,7 @@ def motion(
     """
     alone, each = _TURNING_TIMES if turning else (_MOTION_TIMES[0], _MOTION_TIMES[1] * rows)
     step = (alone + each * contacts) * (_MOTION_DAMPED if damped else 1.0) * (_IMPLICIT if implicit else 1.0)
-    memory = 8.0 * frames * (15.0 * balls + 2.0 * contacts) * _MOTION_COPIES
-    memory += _MOTION_CONTACT_BYTES * contacts
+    memory = 8.0 * frames * (15.0 * balls + 2.0 * contacts) * _MOTION_COPIES + _MOTION_CONTACT_BYTES * contacts
     known = steps * step + frames * (_FRAME_TIMES[0] + _FRAME_TIMES[1] * contacts)
     return Cost(memory, known=known, parts=(f"motion of {balls:,} balls in {steps:,.0f} steps",), libraries=_NUMBA_BYTES)
 

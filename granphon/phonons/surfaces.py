@@ -225,7 +225,7 @@ class Surface:
         q, distances, corners, labels = self.path(npoints)
         top = _ABOVE * float(np.sqrt(np.max(self.half_space.bands(self._read(q)[0])))) * self._frequency
         found = self.spectrum(q, np.linspace(0.0, top, _ROWS) if frequencies is None else frequencies, damping)
-        waves = self.branches(q, leaky) if leaky else self.along_path(npoints)
+        waves = self.along_path(npoints) if leaky is False else self.branches(q, leaky)
         return replace(found, waves=waves, distances=distances, corners=corners, labels=labels)
 
     def branches(self, q: ArrayLike | None = None, leaky: bool = False, free: bool = False) -> SurfaceBranches:

@@ -692,8 +692,7 @@ def _estimate_response(serving: ServingMedium, wanted: ResponseSettings) -> Cost
 
     Raises :class:`~granphon.base.errors.ConvergenceError` for a response that would be refused.
     """
-    from granphon.array.sparse_matrices import estimate_factors  # imported here: other scenes do not need it
-    from granphon.dynamics.damping import ContactDamping
+    from granphon.dynamics.damping import ContactDamping  # imported here: other scenes do not need it
     from granphon.runs.wave_records import find_typical_state
     from granphon.waves.operator import make_operator
     from granphon.waves.response import ResponseWork
@@ -705,10 +704,10 @@ def _estimate_response(serving: ServingMedium, wanted: ResponseSettings) -> Cost
         return None
     network = wanted.shape(state.network.repeat(arrays[0].cells) if arrays else state.network)
     damping = ContactDamping.of(network, wanted.damping, wanted.loss_factor)
-    operator, omega = make_operator(network), 2.0 * math.pi * np.array(wanted.frequencies)
-    factorised, seconds = ResponseWork(operator, damping, omega).choose(None)
-    factors = estimate_factors(operator.size, network.dimension)[1] if np.any(factorised) else 0.0
-    each = costs.response(network.n_balls, network.n_contacts, omega.size, seconds, factors)
+    work = ResponseWork(make_operator(network), damping, 2.0 * math.pi * np.array(wanted.frequencies))
+    factorised, seconds = work.choose(None)
+    factors = work.factor_bytes if np.any(factorised) else 0.0
+    each = costs.response(network.n_balls, network.n_contacts, len(wanted.frequencies), seconds, factors)
     return each.times(serving.load.size * (arrays[0].samples if arrays else 1))
 
 

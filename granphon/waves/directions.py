@@ -242,7 +242,7 @@ class TrueDirections:
         With ``before``, those of its mean over a step.
         """
         forces = self._act(at, pull, at if before is None else before)
-        drawn = [np.sum((self._still - forces)[balls, :3] @ along) for balls, along in self._driven]
+        drawn = [np.sum((self._still[balls, :3] - forces[balls, :3]) @ along) for balls, along in self._driven]
         return self._gather(forces), np.array(drawn)
 
     def rest_energy(self, at: Moment) -> float:

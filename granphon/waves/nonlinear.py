@@ -296,7 +296,7 @@ class NonlinearWaves:
                         if frame:
                             told.advance()
                 except KeyboardInterrupt:
-                    if not len(kept):  # loops may still have been compiled
+                    if not len(kept):  # it came while loops were compiled, or a file was begun
                         raise
                     stopped = _CTRL_C
                 except _Stop as stop:

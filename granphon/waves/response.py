@@ -430,6 +430,11 @@ class ResponseWork:
         """Time of factors at a frequency, s; infinite if the network is too large."""
         return estimate_factors(self.operator.size, self.operator.network.dimension)[0]
 
+    @property
+    def factor_bytes(self) -> float:
+        """Memory of factors while they are made, bytes; infinite if the network is too large."""
+        return estimate_factors(self.operator.size, self.operator.network.dimension)[1]
+
     @cached_property
     def steps(self) -> Array:
         """(n_f,) steps of the Krylov space; infinite without a bound.
