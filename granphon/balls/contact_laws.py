@@ -547,17 +547,28 @@ def find_law(law: Any) -> Any:
     return found.law() if isinstance(found.law, type) else found.law
 
 
+#: how laws are given
+_MEND_LAWS = 'Give a law itself, or one for each pair of names, as {("A", "B"): law}'
+
+
 def read_laws(law: Any) -> Any:
-    """Return the law of all contacts, by default Hertz's, or a tuple of pairs of names of kinds, each with its law."""
-    if not isinstance(law, Mapping):
+    """Return the law of all contacts, by default Hertz's, or a tuple of pairs of names of kinds, each with its law.
+
+    Such a tuple, as a crystal keeps it, is read as the mapping of which it was made.
+    """
+    if not isinstance(law, Mapping | tuple):
         return Hertz() if law is None else find_law(law)
-    for key in law:
-        if not (isinstance(key, tuple) and len(key) == 2 and all(isinstance(one, str) for one in key)):
-            mend = 'Give a law itself, or one for each pair of names, as ("A", "B")'
-            raise InputError(f"law has the key {brief(key)}", mend=mend)
-        if key[::-1] in law and law[key] != law[key[::-1]]:
-            raise InputError(f"law has two laws for contacts of {key}", mend="Give one, in either order")
-    return tuple((pair, find_law(one)) for pair, one in law.items())
+    entries = tuple(law.items()) if isinstance(law, Mapping) else law
+    if not all(isinstance(entry, tuple) and len(entry) == 2 for entry in entries):
+        raise InputError(f"law is {brief(law)}", mend=_MEND_LAWS)
+    laws = dict[tuple[str, str], Any]()
+    for pair, entry in entries:
+        if not (isinstance(pair, tuple) and len(pair) == 2 and all(isinstance(name, str) for name in pair)):
+            raise InputError(f"law has the key {brief(pair)}", mend=_MEND_LAWS)
+        if pair[::-1] in laws and laws[pair[::-1]] != entry:
+            raise InputError(f"law has two laws for contacts of {pair}", mend="Give one, in either order")
+        laws[pair] = entry
+    return tuple((pair, find_law(entry)) for pair, entry in laws.items())
 
 
 def law_of_pair(law: Any, ball: Body, other: Body, one: str, two: str) -> PairLaw:

@@ -73,8 +73,9 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback(epilog=_EXIT_CODES)
+@app.callback(epilog=_EXIT_CODES, invoke_without_command=True)
 def _granphon(
+    context: typer.Context,
     version: Annotated[
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version and exit.")
     ] = False,
@@ -93,6 +94,8 @@ def _granphon(
                                           make an interactive page for a browser
       granphon tradeoff scene.yaml        measure the error and time of each medium
     """
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
 
 
 Force = Annotated[bool, typer.Option("--force", help=FORCE)]

@@ -56,9 +56,12 @@ def fail(text: str, code: int) -> int:
 
 
 def require_name(option: str, path: str | None) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if the path given for ``option`` is an empty text."""
+    """Raise :class:`~granphon.base.errors.InputError` if the path given for ``option`` is empty, or stands for a stream."""
     if path == "":
         raise InputError(f"{option} is empty", mend="Name a file or folder; perhaps a shell variable is not set")
+    if path == "-":
+        why = "Results are files, and none is written to the standard output"
+        raise InputError(f"{option} is '-'", why, "Name a file or folder; ./- if that is its name")
 
 
 class Interrupted(Exception):

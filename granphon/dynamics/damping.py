@@ -68,6 +68,17 @@ class ContactDamping:
         """Whether no energy is lost."""
         return not (np.any(self.times) or np.any(self.losses))
 
+    def find_warnings(self, highest: float) -> tuple[str, ...]:
+        """Return one sentence if contacts are more viscous than stiff at the ``highest`` frequency in use, Hz; else nothing.
+
+        A damping is a time. Its product with the angular frequency is above 1 where it was meant as a loss factor.
+        """
+        viscous = 2.0 * np.pi * highest * float(np.max(self.times, initial=0.0))
+        if viscous <= 1.0:
+            return ()
+        what = f"at {highest:.4g} Hz dashpots resist {viscous:.3g} times as much as springs"
+        return (f"{what}: the damping is a time, in s. A number without a unit is a loss_factor.",)
+
     def soften(self, omega: Array) -> tuple[Complex, Complex]:
         """Return the factors (n_f, n_c) of the stiffness in a motion exp(-i omega t): normal, and all other."""
         return tuple(1.0 - 1j * (omega[:, None] * tau + eta) for tau, eta in zip(self.times, self.losses, strict=True))

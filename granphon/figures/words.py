@@ -17,7 +17,7 @@ _NO_BREAK = "\u00a0"
 #: what the options of media mean in a legend; the value stands for {}
 _OPTIONS = {
     "local_field=paper": "local field of the paper", "friction_history=true": "loaded with friction",
-    "geometry=exact": "true geometry", "geometry=lattice": "directions of the lattice",
+    "geometry=exact": "exact geometry", "geometry=lattice": "lattice geometry",
     "balls": "{} balls", "tolerance": "error below {}", "seed": "seed {}",
     "start": "from {}", "start=gas": "from the gas", "ordered=true": "as a path",
     "friction_coefficient": "friction coefficient {}",
@@ -28,7 +28,7 @@ _SYMBOLS = {
     "width": ("W", "m"), "mass": ("m", "kg"),
 }  # fmt: skip
 #: what is said of motions, and of terms of finite overlap, where nothing was asked for: a title leaves these out
-DEFAULTS = frozenset({"motions of the lattice", "no torsion", "no bending", "limit of small overlap"})
+DEFAULTS = frozenset({"motions of the lattice", "no torsion", "no bending", "overlap ≪ diameter"})
 
 
 def describe_medium(label: str, periods: int = 2, balls: int = 1) -> str:
@@ -115,7 +115,7 @@ def list_facts(packing: Packing) -> dict[str, str]:
 
 def describe_overlap(finite: bool) -> str:
     """Return in words whether states have the terms of relative order delta/d."""
-    return "finite overlap" if finite else "limit of small overlap"
+    return "finite overlap" if finite else "overlap ≪ diameter"
 
 
 def find_differing(facts: Sequence[Mapping[str, str]]) -> tuple[list[str], list[str]]:

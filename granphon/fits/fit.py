@@ -54,6 +54,8 @@ _TRIALS_PER_DECADE = 2
 _MODEL_ERROR = 1e-12
 #: a pulse whose frequency is above this part of the highest of its branch counts as near the end of the branch
 _NEAR_TOP = 0.98
+#: a pulse whose wave is longer than this many diameters has its frequency in another unit: no array of balls is as long
+_LONGEST_WAVE = 1000.0
 #: geometric mean of velocities, over those of equal balls, below which, or above whose inverse, units are taken for wrong:
 #: no array in which a width can be found is so slow, and a unit off by a thousand is beyond it
 _LEAST_RATIO = 0.03
@@ -157,6 +159,15 @@ def find_warnings(problem: FitProblem, logs: Array, errors: Array, given: bool, 
             why = "a spread only slows sound, so that what is fitted is not a width"
             mend = "Check the Young modulus, diameter and density, or fit young_modulus as well"
             out.append(f"{where}, {by}: {why}. {mend}")
+    if (frequency := problem.model.waves.frequency) is not None:
+        wavelength = velocity / frequency
+        balls = wavelength / problem.model.packing.diameter
+        longest = int(np.argmax(balls))
+        if balls[longest] > _LONGEST_WAVE:
+            hertz = np.broadcast_to(frequency, velocity.shape)[longest]
+            size = f"{wavelength[longest]:.3g} m long, {balls[longest]:.3g} diameters"
+            what = f"the wave of a pulse at {hertz:.4g} Hz is {size}"
+            out.append(f"{what}: its velocity is that of long waves. Is the frequency in Hz?")
     # a datum that alone decides the fit
     most = int(np.argmax(leverages))
     if dof and leverages[most] > _DECIDING_LEVERAGE:

@@ -381,9 +381,14 @@ class Crystal(Result):
     def with_balls(self, balls: Mapping[str, Ball]) -> Self:
         """Return the crystal with other balls of some kinds, by name, at the same places.
 
-        Raises :class:`~granphon.base.errors.InputError` for a name without a kind, and a ball of another diameter.
+        Raises :class:`~granphon.base.errors.InputError` for what is no mapping of names to balls, a name without a kind, and
+        a ball of another diameter.
         """
         known = dict(zip(self.names, self.kinds, strict=True))
+        given: object = balls
+        if not isinstance(given, Mapping) or not all(isinstance(ball, Ball) for ball in given.values()):
+            mend = f'Give a granphon.Ball for each kind that changes, as {{"{self.names[0]}": ball}}'
+            raise InputError(f"the balls are {brief(given)}", mend=mend)
         for name, ball in balls.items():
             if name not in known:
                 raise InputError(f"there is no kind of ball {name!r}", mend=f"Give one of {', '.join(known)}")

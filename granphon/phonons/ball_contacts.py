@@ -8,6 +8,7 @@ formats ``granphon-tables`` and ``granphon-lammps``, and finds the calculators a
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 from contextlib import suppress
 from importlib import import_module
@@ -24,11 +25,13 @@ from granphon.balls.contact_laws import Hertz, PairLaw, check_law, law_of_pair, 
 from granphon.balls.contact_table import find_pairs
 from granphon.balls.material import Material
 from granphon.base.arrays import Array, Index
-from granphon.base.errors import InputError, brief
+from granphon.base.errors import InconsistencyWarning, InputError, brief
 from granphon.media.crystal_statics import Springs
 from granphon.networks.network import ContactNetwork
 from granphon.phonons.phonopy_atoms import choose_symbols
 
+#: distance of balls, over their diameter, from which on their places are taken for those in another unit, as mm
+_FARTHEST = 100.0
 #: rows and columns of a matrix in Voigt order
 VOIGT = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
 
@@ -156,6 +159,8 @@ class BallContacts(ContactCalculator):
         super().calculate(atoms, properties, system_changes)
         balls, radii = self.atoms, self.find_radii(self.atoms)[1]
         i, j, _, vector, springs, _ = self.find_contacts(balls)
+        if len(balls) > 1 and not len(i):
+            _warn_of_lengths(balls, radii)
         distance = np.linalg.norm(vector, axis=1)
         overlap = radii[i] + radii[j] - distance
         pull = -(springs.force(overlap) / distance)[:, None] * vector  # of ball j on ball i
@@ -194,6 +199,17 @@ class BallContacts(ContactCalculator):
         }  # fmt: skip
         periods = {"cell": atoms.cell.array, "pbc": list(map(bool, atoms.pbc))} if np.any(atoms.pbc) else {}
         return ContactNetwork.from_table(balls, contacts, **(periods | options))
+
+
+def _warn_of_lengths(atoms: Atoms, radii: Array) -> None:
+    """Warn if balls that do not touch are so far from each other that their places are not in m."""
+    from scipy.spatial import cKDTree  # it loads much of scipy, which balls in contact do not need here
+
+    nearest = float(np.min(cKDTree(atoms.positions).query(atoms.positions, 2)[0][:, 1]))
+    diameter = 2.0 * float(np.max(radii))
+    if nearest > _FARTHEST * diameter:
+        what = f"the balls are {nearest:.3g} m from each other or more, and {diameter:.3g} m wide"
+        warnings.warn(f"{what}: none touch. Their places are to be in m", InconsistencyWarning, stacklevel=4)
 
 
 # -- what ASE finds by entry points -------------------------------------------------------------------------------------

@@ -115,7 +115,8 @@ class Response(Result, array="values"):
     error : (n_f,) error of the values at each frequency, over the largest of them.
     factorisations : number of frequencies whose values were found by factors of the matrix.
     steps : number of steps of the Krylov space by which the others were found; 0 without any.
-    warnings : one sentence for the frequencies whose error is above 1e-6, as next to modes without damping.
+    warnings : one sentence for the frequencies whose error is above 1e-6, as next to modes without damping; and one where
+        contacts are more viscous than stiff, as a damping is a time.
     """
 
     _notebook_fields = ("method",)
@@ -252,7 +253,7 @@ def find_response(
     values, error, factored, steps = problem.solve(2.0 * math.pi * hertz, method, tolerance)
     if quantity == "velocity":
         values = values * (2j * math.pi * hertz)[:, None]
-    warnings: tuple[str, ...] = ()
+    warnings = damped.find_warnings(float(np.max(hertz)))
     unsure = np.flatnonzero(error > _UNSURE)
     if unsure.size:
         worst = unsure[np.argmax(error[unsure])]
@@ -262,7 +263,7 @@ def find_response(
         if most > 0.0:
             below = write_quantity(float(most), QUANTITIES[quantity], 2)
             why += f"; where it is above 1, all that is known is that they are below {below}"
-        warnings = (f"the error of the response is above {_UNSURE:g} at {where}: {why}.",)
+        warnings = (*warnings, f"the error of the response is above {_UNSURE:g} at {where}: {why}.")
     return Response(
         hertz, values, quantity, sources, pushes, receivers, directions, error, factored, steps, warnings
     )  # fmt: skip

@@ -71,6 +71,8 @@ def read_wavevectors(network: ContactNetwork, q: ArrayLike) -> Array:
         wanted, there = ("(" + ", ".join(f"{one:.9g}" for one in vector) + ")" for vector in (given[bad], nearest[bad]))
         what, why = f"q = {wanted} is no wave vector of the periodic cell", "Along each of its vectors L, q . L must be"
         mend = f"The nearest is {there} 1/m; waves.nearest_wavevectors(q) finds it for any q"
+        if not np.any(nearest[bad]):
+            mend = f"It is shorter than those of this cell, of which the shortest is {_find_shortest(network):.6g} 1/m"
         raise InputError(what, f"{why} a multiple of 2 pi", mend)
     return nearest
 
@@ -122,6 +124,12 @@ def _as_wavevectors(network: ContactNetwork | PeriodicCell, q: ArrayLike) -> Arr
         what = f"the phase of such a wave differs by {phase:.1e} across the network"
         raise PrecisionError(what, f"Beyond {_MOST_PHASE:.0e} its digits within a turn are lost", "Give a shorter q")
     return np.atleast_2d(given)
+
+
+def _find_shortest(network: ContactNetwork | PeriodicCell) -> float:
+    """Return the length of the shortest of the reciprocal vectors of the periodic cell, 1/m."""
+    periods = network.cell[list(network.pbc), : network.dimension]
+    return float(2.0 * np.pi * np.min(np.linalg.norm(np.linalg.pinv(periods), axis=0)))
 
 
 def _round(network: ContactNetwork | PeriodicCell, q: Array) -> Array:
@@ -186,6 +194,9 @@ def find_polarisations(
     elif not np.any(q):
         if wanted is None:
             mend = "Give direction=, the one in which balls move"
+            if any(operator.network.pbc):
+                shortest = _find_shortest(operator.network)
+                mend += f", or a longer q: the shortest that this cell has is {shortest:.6g} 1/m"
             raise InputError(f"a {name} wave with q = 0 has no direction", mend=mend)
         found = wanted
     else:

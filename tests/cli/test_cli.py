@@ -569,8 +569,9 @@ def test_help_has_examples(capsys, verb):
 @pytest.mark.parametrize(
     ("arguments", "found"),
     [
-        ([], "Missing command"), (["rum"], "No such command 'rum'"), (["nonsense"], "'nonsense'. See 'granphon --help'."), (["run", "scene.yaml"], "--out"),
+        (["rum"], "No such command 'rum'"), (["nonsense"], "'nonsense'. See 'granphon --help'."), (["run", "scene.yaml"], "--out"),
         *((words, "is empty") for words in (["run", "scene.yaml", "-o", ""], ["init", ""], ["plot", ".", "-o", ""])),
+        *((words, "'-'") for words in (["run", "scene.yaml", "-o", "-"], ["init", "-"], ["plot", ".", "-o", "-"])),
         (["run"], "Missing argument 'SCENE'. See 'granphon run --help'."),
         (["mode", "s.yaml", "--at", "K", "-o", "m.png", "--branch", "-1"], "equal to 0. See 'granphon mode --help'."),
         (["run", "scene.yaml", "-o", "out", "--forse"], "No such option"),
@@ -581,6 +582,13 @@ def test_wrong_usage(work, capsys, arguments, found):
     assert main(arguments) == 2
     assert found in one_error(capsys)
     assert tree(work) == {"scene.yaml"}
+
+
+def test_without_a_word_the_command_shows_its_help(capsys):
+    assert main([]) == 0
+    alone = capsys.readouterr().out
+    assert main(["--help"]) == 0
+    assert capsys.readouterr().out.strip() == alone.strip()
 
 
 def test_the_module_is_the_command(work):

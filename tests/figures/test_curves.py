@@ -300,7 +300,7 @@ def test_plot_takes_several_results_and_an_axes(steel, glass, ax):
         ({"simulation": {"shape": (32, 32), "samples": 4}}, "simulation, 4 samples of 32 x 32 balls"),
         ("simulation", "simulation, a sample of 128 x 128 balls"),
         ({"simulation": {"shape": (8, 8), "seed": 3, "geometry": "exact"}},
-         "simulation, a sample of 8 x 8 balls, true geometry, seed 3"),
+         "simulation, a sample of 8 x 8 balls, exact geometry, seed 3"),
         ({"simulation": {"shape": (8, 8), "friction_history": True, "friction_coefficient": 0.2, "ordered": True}},
          "simulation, a sample of 8 x 8 balls, friction coefficient 0.2, loaded with friction, as a path"),
         ({"simulation": {"shape": (8, 8), "friction_history": True, "friction_coefficient": 0.2, "start": "gas"}},

@@ -267,6 +267,13 @@ def test_the_frequency_of_the_pulses_shifts_the_width(pulses):
     assert_allclose(other_way.width, 1.56e-6, rtol=5e-3)
 
 
+def test_a_frequency_in_another_unit_is_told(pulses):
+    """6.5 for 6.5 kHz: a wave of some 75 m, thousands of balls."""
+    told = [line for line in fit_width(BALLS, FORCE, pulses, frequency=6.5).warnings if "6.5 Hz" in line]
+    assert len(told) == 1
+    assert not any("Is the frequency" in line for line in fit_width(BALLS, FORCE, pulses, frequency=6500.0).warnings)
+
+
 def test_every_pulse_may_have_a_frequency_of_its_own():
     hertz = np.linspace(500.0, 5000.0, 3)
     group = pulse_velocities(gp.EffectiveMedium(TRUE).at_force(FORCE[::4]), hertz, (1.0, 0.0)).group[0]

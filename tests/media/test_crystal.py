@@ -491,6 +491,18 @@ def test_the_smallest_ball_of_a_structure_touches_like_balls_too(name, ratio):
         gp.Crystal.on(name, [gp.Ball(STEEL, 0.99 * ratio * PLAIN.diameter), PLAIN])
 
 
+@pytest.mark.parametrize("law", [(1,), (1, 2), ((["A"], gp.Hertz()),), (({}, 1),), {("A",): gp.Hertz()}])
+def test_what_is_no_law_is_one_error(law):
+    with pytest.raises(InputError, match="law"):
+        gp.Crystal([PLAIN], [[8e-3]], [[0.0]], law=law)
+
+
+@pytest.mark.parametrize("balls", [PLAIN, [PLAIN], {"A": 1}, None])
+def test_other_balls_are_given_by_their_names(balls):
+    with pytest.raises(InputError, match="balls"):
+        gp.Crystal.on("chain", [PLAIN]).with_balls(balls)
+
+
 def test_balls_in_a_wrong_unit_are_doubted():
     state = gp.Crystal.on("fcc", [gp.Ball(STEEL, 8.0)]).at_force(10.0)
     assert not state.valid

@@ -716,7 +716,7 @@ def test_a_sweep_says_which_media_have_finite_overlap(tmp_path):
     summary = yaml.safe_load((tmp_path / "mixed" / "summary.yaml").read_text())
     assert summary["finite_overlap"] == [False, True]
     lines = [facts["overlap"] for facts, _ in describe_lines(found.dataset, "longitudinal")]
-    assert lines == ["limit of small overlap", "finite overlap"]
+    assert lines == ["overlap ≪ diameter", "finite overlap"]
     every = replace(mixed, load=Load("force", [300.0]), finite_overlap=True).sweep()
     assert (every.attrs["finite_overlap"], "exponent" in every.attrs) == (1, True)
 

@@ -15,7 +15,7 @@ from ase.filters import FrechetCellFilter
 from ase.optimize import BFGS
 
 import granphon as gp
-from granphon.base.errors import InputError
+from granphon.base.errors import InconsistencyWarning, InputError
 
 ROOT = Path(__file__).parents[2]
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
@@ -123,6 +123,15 @@ def test_what_cannot_be_served():
     assert pushed == pytest.approx(float(gp.Hertz().between(BALLS["A"], BALLS["A"]).force(1e-6)), rel=1e-8)
     balls.set_array("radius", np.array([4.001e-3, 4e-3]))
     assert abs(one.get_property("forces", balls)[0, 0]) > 2.0 * pushed  # a change of radii is seen
+
+
+def test_places_that_are_not_in_metres_are_told():
+    pair = ase.Atoms("X2", positions=[[0, 0, 0], [7.999, 0, 0]])
+    calculator = gp.HertzMindlin({"X": BALLS["A"]})
+    with pytest.warns(InconsistencyWarning, match="7.999"):
+        assert calculator.get_property("energy", pair) == 0.0
+    pair.positions *= 2e-3  # two diameters apart, as balls that fly
+    assert calculator.get_property("energy", pair) == 0.0
 
 
 def test_ase_finds_calculator_and_formats_by_itself(tmp_path):

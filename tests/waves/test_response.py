@@ -358,6 +358,15 @@ def test_factors_within_bands_have_no_more_entries_than_below_them(name, size, m
     assert max(entries) < 1.1 * entries[0]
 
 
+def test_a_loss_factor_given_as_damping_is_told():
+    """0.02 s, where a loss factor of 0.02 is meant, is a dashpot that resists a dozen times as much as its spring."""
+    waves = gp.Waves(ideal("chain").repeat((5,)))
+    for name, count in (("damping", 1), ("loss_factor", 0)):
+        response = waves.response([50.0, 100.0], (0, (1, 0, 0)), (2, (1, 0, 0)), **{name: 0.02})
+        told = [line for line in response.warnings if "12.6" in line]
+        assert len(told) == count
+
+
 def test_receiver_that_hears_nothing_is_no_resonance():
     # across a line of balls that is pushed along itself nothing moves; and far above the band less than the least number
     network = ideal("square", 0.5).repeat((1, 1)).cut(1, 8)

@@ -435,6 +435,17 @@ def test_wave_vectors_of_the_cell_have_the_same_digits_whoever_asks(numbers):
     np.testing.assert_array_equal(waves.nearest_wavevectors([21.2, 21.2, 0.0]), 0.0)
 
 
+def test_a_wave_vector_shorter_than_those_of_the_cell_is_told_the_shortest():
+    _, network = ideal("square", (8, 8))
+    waves = gp.Waves(network)
+    shortest = 2.0 * np.pi / np.linalg.norm(network.cell[0])
+    short = np.array([0.3 * shortest, 0.0])
+    assert not np.any(waves.nearest_wavevectors(short))
+    for q in (short, waves.nearest_wavevectors(short)):
+        with pytest.raises(InputError, match=f"{shortest:.6g}"):
+            waves.spectral_function(q, moments=4)
+
+
 def test_network_with_ends_has_any_wave_vector(disordered):
     from dataclasses import replace
 

@@ -155,7 +155,8 @@ function showProblems(problem, bands, path, lattice) {
   }
   const medium = data.media[state.medium];
   if (!problem && state.width > 0 && current.contact.reduced < medium.valid) {
-    words.push(`The ${medium.words} is valid from f* = ${printNumber(medium.valid, 3)}; here f* = ${printNumber(current.contact.reduced, 3)}.`);
+    const least = (medium.valid / current.contact.reduced) * state.force;
+    words.push(`The ${medium.words} is valid from ${printQuantity(least, "N", 3)} at this width; the load is ${printQuantity(state.force, "N", 3)}.`);
   }
   const said = words.join(" ");
   // written only when it changes, as a screen reader says what is written

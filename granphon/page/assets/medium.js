@@ -1,5 +1,7 @@
 // The state of a contact under load: its overlap, stiffness and exponent, from the table of a medium.
 
+import { printQuantity } from "./units.js";
+
 // Overlap (m), stiffness k (N/m), exponent of the velocity, at a force (N), a width (m) and eta; `problem` says, in words, why
 // there is no such state. `data` is that of the page, `medium` one of its media.
 export function findContact(data, medium, force, width, eta) {
@@ -18,8 +20,9 @@ export function findContact(data, medium, force, width, eta) {
   const x = Math.log(reduced);
   if (x > nodes[nodes.length - 1]) return { ...equal, reduced };
   if (x < nodes[0] - 1e-9) {
-    return { ...equal, reduced, problem: `The ${medium.words} has no solution below f* = ${Math.exp(nodes[0]).toPrecision(3)}` +
-      ": raise the force, or lower the width of the spread." };
+    const least = printQuantity((Math.exp(nodes[0]) / reduced) * force, "N", 3);
+    return { ...equal, reduced, problem: `The ${medium.words} has no solution below ${least} at this width: ` +
+      "raise the force, or lower the width of the spread." };
   }
   const root = Math.sqrt(eta);
   if (roots.length > 1 && root < roots[0] - 1e-9) {
