@@ -128,7 +128,7 @@ def test_what_cannot_be_served():
 def test_places_that_are_not_in_metres_are_told():
     pair = ase.Atoms("X2", positions=[[0, 0, 0], [7.999, 0, 0]])
     calculator = gp.HertzMindlin({"X": BALLS["A"]})
-    with pytest.warns(InconsistencyWarning, match="7.999"):
+    with pytest.warns(InconsistencyWarning, match="8 m"):
         assert calculator.get_property("energy", pair) == 0.0
     pair.positions *= 2e-3  # two diameters apart, as balls that fly
     assert calculator.get_property("energy", pair) == 0.0
