@@ -205,7 +205,8 @@ def _warn_of_lengths(atoms: Atoms, radii: Array) -> None:
     """Warn if balls that do not touch are so far from each other that their places are not in m."""
     from scipy.spatial import cKDTree  # it loads much of scipy, which balls in contact do not need here
 
-    nearest = float(np.min(cKDTree(atoms.positions).query(atoms.positions, 2)[0][:, 1]))
+    distances, _ = cKDTree(atoms.positions).query(atoms.positions, k=[2])  # the first is the ball itself
+    nearest = float(np.min(distances))
     diameter = 2.0 * float(np.max(radii))
     if nearest > _FARTHEST * diameter:
         what = f"the balls are {nearest:.3g} m from each other or more, and {diameter:.3g} m wide"
