@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -132,9 +133,11 @@ print(json.dumps(told))
 """
 
 
-def run(hidden, *parts):
+def run(hidden, *parts, **environment):
     code = f"HIDDEN = {hidden!r}" + "".join((HIDE, *parts))
-    found = subprocess.run([sys.executable, "-c", code], text=True, capture_output=True, check=False)
+    found = subprocess.run(
+        [sys.executable, "-c", code], text=True, capture_output=True, check=False, env={**os.environ, **environment}
+    )
     assert found.returncode == 0, found.stderr
     return found.stdout
 
@@ -149,7 +152,15 @@ def test_the_core_gives_the_same_numbers_on_numpy_and_scipy_alone():
     assert run(others, GIVEN, CORE) == run(set(), GIVEN, CORE)
 
 
-def test_without_numba_a_motion_says_that_it_is_slow():
+@pytest.mark.parametrize(
+    ("hidden", "environment", "words"),
+    [
+        ({"numba"}, {}, "numba is not installed.*"),
+        (set(), {"NUMBA_DISABLE_JIT": "1"}, ".*NUMBA_DISABLE_JIT.*"),
+        (set(), {}, ""),
+    ],
+)
+def test_a_motion_says_that_it_is_slow_where_nothing_is_compiled(hidden, environment, words):
     code = """
 import warnings
 chain = gp.Crystal.on("chain", [gp.Ball(steel, 8e-3)]).repeat((3,)).at_force(5.0).network
@@ -158,8 +169,7 @@ with warnings.catch_warnings(record=True) as told:
     gp.NonlinearWaves(chain).run(1e-5, velocities=1e-3 * np.eye(3)[0][:, None], frames=2)
 print(*(one.message for one in told))
 """
-    assert run({"numba"}, GIVEN, code).startswith("numba is not installed. ")
-    assert run(set(), GIVEN, code) == "\n"
+    assert re.fullmatch(words + "\n", run(hidden, GIVEN, code, **environment))
 
 
 def test_errors_name_the_extras_that_bring_the_packages():

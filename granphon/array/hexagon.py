@@ -24,7 +24,7 @@ from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.loads import balls_on_side, force_of_frame
 from granphon.balls.material import Material
 from granphon.balls.packing import Packing, given_packing, require_shallow
-from granphon.base.arrays import Array
+from granphon.base.arrays import Array, Index
 from granphon.base.errors import ConvergenceError, InputError, brief
 from granphon.base.results import Result, read_only
 from granphon.base.validation import finite_array, positive, require, whole_number
@@ -72,11 +72,11 @@ class PressedHexagon(Result):
     deviations: Annotated[Array, "b", "m"]
     displacements: Annotated[Array, "b 2", "m"]
     retreats: Annotated[Array, "6", "m"]
-    i: Annotated[NDArray[np.intp], "c"]
-    j: Annotated[NDArray[np.intp], "c"]
+    i: Annotated[Index, "c"]
+    j: Annotated[Index, "c"]
     normal: Annotated[Array, "c 2"]
-    ball: Annotated[NDArray[np.intp], "w"]
-    wall: Annotated[NDArray[np.intp], "w"]
+    ball: Annotated[Index, "w"]
+    wall: Annotated[Index, "w"]
     forces: Annotated[Array, "c", "N"]
     wall_forces: Annotated[Array, "w", "N"]
     wall_coefficient: Annotated[float, "", "N/m^(3/2)"]

@@ -160,6 +160,10 @@ class UnverifiedFileWarning(UserWarning):
     """A file without a digest was read: nothing shows whether it is still as it was written."""
 
 
+class CacheWarning(UserWarning):
+    """Loops that were compiled could not be read, or not be kept: they are compiled anew, and give the same numbers."""
+
+
 @contextmanager
 def needing(what: str) -> Iterator[None]:
     """Raise :class:`MissingPackageError` where a block imports a package that is not installed; ``what`` needs it.

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass
 from html import escape
+from inspect import get_annotations
 from types import NoneType, UnionType
-from typing import Any, ClassVar, Self, Union, cast, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, Self, Union, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from granphon.base.text import damage_error, digest, require_schema, show
 _MOST_LETTERS, _MOST_ENTRIES = 160, 6
 #: keys that the plain data of a result hold besides its class and its fields
 _ABOUT = ("schema", "units", "digest")
+#: the kinds of entries, as NumPy's letters have them, from which an array of a kind is made
+_KINDS = {"b": "b", "i": "iu", "f": "iuf", "c": "c"}
 #: types of values that plain data hold as they are
 _SCALARS = frozenset({str, float, int, bool, NoneType})
 
@@ -122,10 +124,10 @@ class Result:
 
     def __init_subclass__(cls, array: str = "", **options: Any) -> None:
         super().__init_subclass__(**options)
-        own = {name: ast.parse(said, mode="eval").body for name, said in cls.__annotations__.items() if "Annotated[" in said}
-        told = {name: [ast.literal_eval(one) for one in found.slice.elts[1:]] for name, found in own.items()}
-        cls._shapes = cls._shapes | {name: shape for name, (shape, *_) in told.items() if shape}
-        cls.units = cls.units | {name: unit for name, (_, *units) in told.items() for unit in units}
+        hints = get_annotations(cls, eval_str=True)
+        told = {name: [word for word in _list_remarks(hint) if isinstance(word, str)] for name, hint in hints.items()}
+        cls._shapes = cls._shapes | {name: words[0] for name, words in told.items() if words and words[0]}
+        cls.units = cls.units | {name: unit for name, words in told.items() for unit in words[1:]}
         if array:
             cls.__array__ = lambda self, dtype=None, copy=None: np.array(getattr(self, array), dtype)  # type: ignore[attr-defined]
 
@@ -291,12 +293,21 @@ def plain(value: Any) -> Any:
     return value
 
 
+def _list_remarks(hint: Any) -> tuple[Any, ...]:
+    """What an annotation says beside the type: the kind of the entries of an array, the shape and the unit of a field."""
+    return get_args(hint)[1:] if get_origin(hint) is Annotated else ()
+
+
 def restore(value: Any, hint: Any, name: str = "the data") -> Any:
     """Build an object of the type ``hint`` from plain data.
 
-    The type is a dataclass, tuple, mapping, array or scalar, or a union of these; Any is a scalar, or an array. Raises
-    :class:`~granphon.base.errors.InputError`, which calls the value ``name``, if the data are of another kind.
+    The type is a dataclass, tuple, mapping, scalar or array of :mod:`granphon.base.arrays`, or a union of these; Any is a
+    scalar, or an array. Raises :class:`~granphon.base.errors.InputError`, which calls the value ``name``, if the data are of
+    another kind.
     """
+    remarks = _list_remarks(hint)
+    hint = get_args(hint)[0] if remarks else hint
+    entries = next((remark for remark in remarks if isinstance(remark, np.dtype)), None)
     origin, inner = get_origin(hint), get_args(hint)
     wanted = str(hint) if inner else getattr(hint, "__name__", str(hint))
     if origin in (Union, UnionType):
@@ -306,9 +317,9 @@ def restore(value: Any, hint: Any, name: str = "the data") -> Any:
             with suppress(InputError):
                 return restore(value, one, name)
         return restore(value, inner[-1], name)
-    if origin is np.ndarray or (hint is Any and isinstance(value, Mapping | list | tuple | np.ndarray)):
-        wanted, dtype = "an array of numbers", None if hint is Any else get_args(inner[1])[0]
-        if (found := _make_array(value, dtype)) is not None:
+    if entries is not None or (hint is Any and isinstance(value, Mapping | list | tuple | np.ndarray)):
+        wanted = "an array of numbers"
+        if (found := _make_array(value, entries)) is not None:
             return found
     elif origin is tuple and isinstance(value, list | tuple):
         kinds = [inner[0]] * len(value) if inner[1:] == (...,) else inner
@@ -323,7 +334,8 @@ def restore(value: Any, hint: Any, name: str = "the data") -> Any:
             build: Any = hint
             if issubclass(build, Result) and not set(_ABOUT).isdisjoint(value):
                 return build.from_dict(value)  # a field written by its own to_dict
-            known, hints, what = [f.name for f in fields(build)], get_type_hints(build), f"the {wanted} data"
+            known, what = [f.name for f in fields(build)], f"the {wanted} data"
+            hints = get_type_hints(build, include_extras=True)
             if missing := [name for name in known if name not in value]:
                 raise InputError(f"{what} lack {', '.join(missing)}")
             if unknown := [show(name) for name in value if name not in (*known, "class")]:
@@ -356,10 +368,10 @@ def _read_class_name(data: Mapping[str, Any]) -> str:
     return name if isinstance(name, str) else ""
 
 
-def _make_array(value: Any, dtype: Any) -> np.ndarray[Any, Any] | None:
+def _make_array(value: Any, dtype: np.dtype[Any] | None) -> np.ndarray[Any, Any] | None:
     """Plain data as an array of a type, or of any with None; None if they are ragged, or no such numbers."""
-    if dtype in (np.complex128, None) and isinstance(value, Mapping):
-        real, imaginary = (_make_array(value.get(part), np.float64) for part in ("real", "imag"))
+    if (dtype is None or dtype.kind == "c") and isinstance(value, Mapping):
+        real, imaginary = (_make_array(value.get(part), np.dtype(float)) for part in ("real", "imag"))
         if len(value) != 2 or real is None or imaginary is None or real.shape != imaginary.shape:
             return None
         whole = np.empty(real.shape, complex)
@@ -373,7 +385,7 @@ def _make_array(value: Any, dtype: Any) -> np.ndarray[Any, Any] | None:
         leaves: Any = [] if isinstance(value, np.ndarray) or found.dtype.kind == "b" else np.asarray(value, object).ravel()
     except (ValueError, OverflowError):  # ragged, or too large
         return None
-    kinds = "biufc" if dtype is None else "c" if dtype is np.complex128 else "iu" if np.dtype(dtype).kind == "i" else "iuf"
+    kinds = "biufc" if dtype is None else _KINDS[dtype.kind]
     if (found.size and found.dtype.kind not in kinds) or any(isinstance(one, bool) for one in leaves):
         return None
     return found if dtype is None or found.dtype == dtype else found.astype(dtype)

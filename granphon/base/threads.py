@@ -11,9 +11,11 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from typing import Any, TypeVar
+
+from granphon.base.errors import GranphonError
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -37,6 +39,22 @@ def share_out(function: Callable[[Item], Result], items: Iterable[Item]) -> list
         return [function(item) for item in listed]
     with ThreadPoolExecutor(threads) as executor:
         return list(executor.map(function, listed))
+
+
+@contextmanager
+def naming_lost_workers(where: str) -> Iterator[None]:
+    """Raise :class:`~granphon.base.errors.GranphonError` where the executor of a user has lost a worker, and is broken.
+
+    ``where`` names the work in the message.
+    """
+    try:
+        yield
+    except BrokenExecutor:
+        what, why = (
+            f"{where}: a worker of the executor has ended, and with it all others",
+            "It was killed, or ran out of memory",
+        )
+        raise GranphonError(what, why, "Give workers more memory, or take fewer") from None
 
 
 @contextmanager

@@ -13,7 +13,7 @@ from typing import Any
 
 import typer
 
-from granphon.base.errors import GranphonError, InputError, MissingPackageError, UnverifiedFileWarning
+from granphon.base.errors import CacheWarning, GranphonError, InputError, MissingPackageError, UnverifiedFileWarning
 from granphon.cli import doctor, pictures, scenes, studies  # noqa: F401  importing them adds their commands to app
 from granphon.cli.app import GROUPS, app
 from granphon.cli.terminal import NOTHING_WRITTEN, Interrupted, fail, warn
@@ -29,14 +29,15 @@ _USAGE_ERROR = next(one for one in typer.BadParameter.__mro__ if one.__name__ ==
 def _take_signals_and_warnings() -> Iterator[None]:
     """Treat SIGTERM (a batch system's time limit, ``kill``) as an interruption, so that the work is cleaned up.
 
-    A warning about a file that carries no digest is printed as one line; other warnings are shown as usual.
+    A warning about a file that carries no digest, or about what numba keeps, is printed as one line; others are shown as
+    usual.
     """
     show = warnings.showwarning
 
     def tell(
         message: Warning | str, category: type[Warning], filename: str, lineno: int, file: Any = None, line: Any = None
     ) -> None:
-        if issubclass(category, UnverifiedFileWarning):
+        if issubclass(category, UnverifiedFileWarning | CacheWarning):
             warn([str(message)])
         else:
             show(message, category, filename, lineno, file, line)

@@ -21,7 +21,7 @@ from granphon.balls.contact_table import ContactTable
 from granphon.balls.lattices import Lattice, as_direction, find_lattice
 from granphon.balls.layers import find_axes
 from granphon.balls.motions import Motions, allowed_motions
-from granphon.base.arrays import Array
+from granphon.base.arrays import Array, Complex
 from granphon.base.errors import InputError, InstabilityError
 from granphon.base.results import Result, read_only
 from granphon.base.threads import share_out, single_products
@@ -66,7 +66,7 @@ class Modes(Result):
 
     wavevectors: Annotated[Array, "q p", "1/d"]
     frequencies: Annotated[Array, "q b", "(k/M)^1/2"]
-    eigenvectors: Annotated[NDArray[np.complex128], "q m b"]
+    eigenvectors: Annotated[Complex, "q m b"]
     group_velocities: Annotated[Array, "q b p", "d (k/M)^1/2"]
     rotational_fraction: Annotated[Array, "q b"]
     longitudinal_fraction: Annotated[Array, "q b"]

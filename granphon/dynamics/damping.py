@@ -130,8 +130,8 @@ class DampedModes(Result, array="frequencies"):
     qpoints : (n_q, 3) wave vectors, fractions of the reciprocal cell; None of a network.
     """
 
-    frequencies: Annotated[NDArray[np.complex128], "q m|m", "Hz"]
-    vectors: Annotated[NDArray[np.complex128] | None, "m n c?"] = None
+    frequencies: Annotated[Complex, "q m|m", "Hz"]
+    vectors: Annotated[Complex | None, "m n c?"] = None
     qpoints: Annotated[Array | None, "q 3?"] = None
 
     @property

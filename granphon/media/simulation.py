@@ -33,6 +33,7 @@ from granphon.base.arrays import Array
 from granphon.base.errors import GranphonError, InputError, MechanismError, brief
 from granphon.base.progress import Progress, silent
 from granphon.base.results import read_only
+from granphon.base.threads import naming_lost_workers
 from granphon.base.validation import choice, finite_array, lengths, require, whole, whole_number
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.elasticity import bulk_and_shear, longitudinal_modulus, symmetrise, waves_of_tensor
@@ -537,7 +538,8 @@ class DirectSimulation(Medium[SimulatedState]):
     sample carries none (at and below the rigidity threshold, a* = 0.343 on the triangular lattice), or below the start of a
     history; and with ``finite_overlap`` in the geometry of the lattice, which has no such terms. They raise
     :class:`~granphon.base.errors.ConvergenceError` if no equilibrium is found, or a path ends before its last load;
-    ``reached`` of the error is then the state at the loads before.
+    ``reached`` of the error is then the state at the loads before. They raise
+    :class:`~granphon.base.errors.GranphonError` if the executor loses a worker.
     """
 
     packing: Packing
@@ -798,10 +800,11 @@ class DirectSimulation(Medium[SimulatedState]):
         if self.executor is None:
             found = [find_equilibria(own, *given) for own in every]
         else:
-            jobs = [self.executor.submit(find_equilibria, own, *given) for own in every]
+            with naming_lost_workers("the simulation"):
+                jobs = [self.executor.submit(find_equilibria, own, *given) for own in every]
+                found = [job.result() for job in jobs]
             # equilibria that come from another process have copies of their own of the deviations and stencils: here they
             # share one
-            found = [job.result() for job in jobs]
             for place, result in enumerate(found):
                 first = next(iter(result.values()))
                 shared = first.deviations, Stencils(first.stencils.shape, workers=self.workers, lattice=first.lattice)
@@ -850,10 +853,11 @@ class DirectSimulation(Medium[SimulatedState]):
             if self.executor is None:
                 found = [job(report=step.advance) for job in jobs]
             else:
-                waiting, found = [self.executor.submit(job) for job in jobs], []
-                for one in waiting:
-                    found.append(one.result())
-                    step.advance(len(path))
+                found = []
+                with naming_lost_workers("the simulation"):
+                    for one in [self.executor.submit(job) for job in jobs]:
+                        found.append(one.result())
+                        step.advance(len(path))
         reached = min(len(samples) for samples, _ in found)
         places = sorted(range(reached), key=lambda place: order[place])
         every = [samples[place] for place in places for samples, _ in found]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from granphon.balls.layers import find_outer
 from granphon.balls.motions import IN_PLANE, Motions
-from granphon.base.arrays import Array
+from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import InputError
 from granphon.base.results import Result
 from granphon.base.scales import HertzPrefix, Units, read_header
@@ -87,7 +87,7 @@ class Bands(Result):
     distances: Annotated[Array, "s p", "1"]
     frequencies: Annotated[Array, "s p b", "Hz"]
     group_velocities: Annotated[Array | None, "s p b d?", "m/s"]
-    eigenvectors: Annotated[NDArray[np.complex128] | None, "s p m b?"]
+    eigenvectors: Annotated[Complex | None, "s p m b?"]
     labels: Annotated[tuple[str, ...], "s+1"]
     cell: Annotated[Array, "3 3"]
     positions: Annotated[Array, "n 3"]
@@ -387,8 +387,8 @@ class ComplexBands(Result, array="wavenumbers"):
     """
 
     frequencies: Annotated[Array, "f", "Hz"]
-    wavenumbers: Annotated[NDArray[np.complex128], "f k", "1/m"]
-    running: Annotated[NDArray[np.intp], "f"]
+    wavenumbers: Annotated[Complex, "f k", "1/m"]
+    running: Annotated[Index, "f"]
     height: Annotated[float, "", "m"]
 
     @property

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.lattices import one_direction
 from granphon.balls.layers import EDGES
-from granphon.base.arrays import Array
+from granphon.base.arrays import Array, Index
 from granphon.base.errors import GranphonError, InputError
 from granphon.base.results import Result
 from granphon.base.staging import write_text
@@ -47,7 +47,7 @@ class SurfaceBranches(Result):
     """
 
     qpoints: Annotated[Array, "q 3"]
-    place: Annotated[NDArray[np.intp], "n"]
+    place: Annotated[Index, "n"]
     frequencies: Annotated[Array, "n", "Hz"]
     widths: Annotated[Array, "n", "Hz"]
     weight: Annotated[Array, "n"]

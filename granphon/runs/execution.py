@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 from granphon.base.errors import GranphonError, OutputError
 from granphon.base.progress import Progress, Step, silent
 from granphon.base.registry import list_added
+from granphon.base.threads import naming_lost_workers
 from granphon.runs.store import Store, TaskResult, decode, encode
 from granphon.runs.workers import InProcess, call_by, check_workers, client_of, count_calls, packages, require_packages
 
@@ -119,9 +120,9 @@ def solve_all(
         None does one task after the other. It is not shut down.
     store : where each result is kept as soon as it is found.
 
-    An error of a task is raised as it is. A task whose worker is lost is done again; if that happens to it thrice,
-    :class:`~granphon.base.errors.GranphonError` names it. After an error, and on an interruption, results that come within
-    half a second are kept, and calls that have not begun by then are cancelled.
+    An error of a task is raised as it is. A task whose worker is lost is done again; if that happens to it thrice, or if the
+    executor takes no more work then, :class:`~granphon.base.errors.GranphonError` names it. After an error, and on an
+    interruption, results that come within half a second are kept, and calls that have not begun by then are cancelled.
     """
     known = store or Store()
     with progress.step(label, sum(task.steps for task in tasks)) as step:
@@ -173,7 +174,8 @@ class _Work:
                         break
                     indices = self._take(most)
                     orders = [(self.tasks[index], self.begun.get(index)) for index in indices]
-                    future = submit(advance, orders, packages(), list_added("observable"))
+                    with naming_lost_workers(self._name_lost(indices[0])):
+                        future = submit(advance, orders, packages(), list_added("observable"))
                     self.running[future] = indices
                     future.add_done_callback(ready.put)
                 try:
@@ -189,6 +191,12 @@ class _Work:
                     with suppress(OutputError):  # this may be the very error that is being raised
                         for index, result in zip(indices, future.result(), strict=False):
                             self.store.append(self.tasks[index].name, result.entry)
+
+    def _name_lost(self, following: int) -> str:
+        """Name the tasks with which workers were lost, or the ``following`` one where none were."""
+        lost = sorted(self.losses) or [following]
+        others = f", or one of {len(lost) - 1} tasks beside it" if len(lost) > 1 else ""
+        return f"{self.tasks[lost[0]].where}{others}"
 
     def _take(self, calls: int) -> list[int]:
         """Take the tasks of the next of so many calls: one if it is not known to be short, or if a worker was lost with it.

@@ -36,8 +36,8 @@ from granphon.balls.contact_laws import DMT, JKR, Hertz, PowerLaw, law_between
 from granphon.balls.contact_table import find_pairs, select_once
 from granphon.balls.hertz import HertzLaw
 from granphon.base.arrays import Array, Index
-from granphon.base.compiled import COMPILES
-from granphon.base.errors import InputError, LimitWarning, StoppedEarlyWarning, brief, message
+from granphon.base.compiled import UNCOMPILED
+from granphon.base.errors import InputError, LimitWarning, StoppedEarlyWarning, brief
 from granphon.base.progress import Progress, silent
 from granphon.base.threads import single_products
 from granphon.base.validation import index_array, not_negative, one_of, positive, real_array, real_number, whole_number
@@ -63,10 +63,6 @@ _HALVINGS = 10
 _MOST_STEPS = 10_000_000
 #: displacement, over the mean diameter, at which a ball has left its place among directions that do not turn
 _AWAY = 0.5
-#: what is said without Numba
-_SLOW = message(
-    "numba is not installed", "The same motion takes hundreds of times longer", 'Install it: pip install "granphon[scenes]"'
-)
 #: kind of the balls of a network that names none
 _BALL = "ball"
 #: distance over the mean diameter up to which balls are listed as ones that may meet
@@ -265,8 +261,8 @@ class NonlinearWaves:
         """
         length, count = positive("duration", duration, "s"), whole_number("frames", frames, 2, _MOST_STEPS)
         one_of("scheme", scheme, SCHEMES)
-        if not COMPILES:
-            warnings.warn(_SLOW, stacklevel=2)
+        if UNCOMPILED:
+            warnings.warn(UNCOMPILED, stacklevel=2)
         if positions is not None:
             if displacements is not None:
                 raise InputError("positions and displacements are given", mend="Give one of both")

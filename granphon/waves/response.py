@@ -122,7 +122,7 @@ class Response(Result, array="values"):
     _notebook_fields = ("method",)
 
     frequencies: Annotated[Array, "f", "Hz"]
-    values: Annotated[NDArray[np.complex128], "f r"]
+    values: Annotated[Complex, "f r"]
     quantity: str
     sources: Annotated[Index, "s"]
     pushes: Annotated[Array, "s 3"]

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from granphon.array.sparse_matrices import factorise
-from granphon.base.arrays import Array, Complex
+from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import InputError
 from granphon.base.results import Result
 from granphon.base.validation import frequency_array
@@ -52,12 +52,12 @@ class Transmission(Result, array="transmitted"):
     """
 
     frequencies: Annotated[Array, "f", "Hz"]
-    modes: Annotated[NDArray[np.intp], "f 2"]
+    modes: Annotated[Index, "f 2"]
     transmitted: Annotated[Array, "f"]
     reflected: Annotated[Array, "f"]
     transmitted_by_mode: Annotated[Array, "f m"]
     reflected_by_mode: Annotated[Array, "f m"]
-    amplitudes: Annotated[NDArray[np.complex128], "f m m"]
+    amplitudes: Annotated[Complex, "f m m"]
     wavenumbers: Annotated[Array, "f m", "1/m"]
     length: Annotated[float, "", "m"]
 

@@ -153,7 +153,7 @@ def test_wave_vectors_are_pairs(shape):
 #: what is no positive real number, though float() takes some of it, and NumPy's classes of numbers some more
 NO_NUMBERS = [
     "1", b"1", "8e-3", True, np.True_, None, 1j, np.nan, np.inf, -1.0, np.float16(np.inf), np.ma.masked, 10**400,
-    np.timedelta64(1), Decimal("inf"), Decimal("sNaN"), np.array([1.0, 2.0]), [1.0], ENDLESS, object(),
+    np.timedelta64(1, "s"), Decimal("inf"), Decimal("sNaN"), np.array([1.0, 2.0]), [1.0], ENDLESS, object(),
 ]  # fmt: skip
 MATERIAL = {"young_modulus": 1e9, "poisson_ratio": 0.2, "density": 1e3}
 #: what is called, and a number that it takes

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import importlib
 import json
 import math
 import pickle
+import pkgutil
 import random
 
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+import granphon
 import granphon as gp
 from granphon.balls.loads import Load
 from granphon.base.errors import InputError, MissingFileError, Refused
@@ -265,12 +268,17 @@ def every(packing, results):
     return {type(result): result for result in found}
 
 
-def test_every_class_is_among_them(every):
+def test_every_result_comes_back_from_plain_data(every):
     def below(cls):
         return {cls, *(one for sub in cls.__subclasses__() for one in below(sub))}
 
+    for module in pkgutil.walk_packages(granphon.__path__, "granphon."):
+        if not module.name.endswith("__main__"):
+            importlib.import_module(module.name)
     ours = {cls for cls in below(Result) if cls.__module__.startswith("granphon.")} - {Result, Refinable, Fitted}
     assert ours == set(every)
+    for cls, result in every.items():
+        same(cls.from_dict(json.loads(json.dumps(result.to_dict()))), result)
 
 
 def test_damaged_plain_data_are_refused(every):

@@ -6,8 +6,10 @@ import copy
 import dataclasses
 import json
 import math
+import os
 import pickle
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+import signal
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, wait
 from functools import partial
 
 import ase.io
@@ -319,6 +321,21 @@ def test_executors_and_threads_change_no_digit(spread, medium, states):
             again = mediums[-1].at_force(FORCES)
             assert again == states
             np.testing.assert_array_equal(again.elastic_tensor, states.elastic_tensor)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.parametrize("history", [{}, {"friction_history": True, "friction_coefficient": 0.3}])
+@pytest.mark.parametrize("before", [False, True])
+def test_an_executor_that_loses_a_worker_is_one_error(spread, history, before):
+    class Deadly(ProcessPoolExecutor):
+        def submit(self, job, *given):
+            return super().submit(signal.raise_signal, signal.SIGKILL)
+
+    with Deadly(1) as executor:
+        if before:
+            wait([executor.submit(None)])
+        with pytest.raises(gp.GranphonError, match="executor"):
+            simulate(spread, (4, 4), seed=5, executor=executor, **history).at_force(5.0)
 
 
 def test_numbers_of_a_seed_stay_the_same(spread):

@@ -13,7 +13,7 @@ import threading
 import time
 import urllib.error
 import urllib.request
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext, suppress
 from importlib.util import find_spec
 from pathlib import Path
@@ -400,6 +400,17 @@ def test_a_task_that_kills_its_workers_is_named(tmp_path, how):
         solve_all("naps", naps, executor, store=store)
     assert len(dict(read_entries(tmp_path / "store"))) >= 5
     wait_for(lambda: children() == before)
+
+
+@posix
+def test_an_executor_of_a_user_that_loses_a_worker_is_one_error(tmp_path):
+    naps, store = [Nap(n, deadly=n == 5) for n in range(8)], Store(tmp_path / "store")
+    with ProcessPoolExecutor(1) as executor:
+        with pytest.raises(GranphonError, match=r"^nap-[3-5]\b.* executor"):
+            solve_all("naps", naps, executor, store=store)
+        with pytest.raises(GranphonError, match=r"^nap-0: .* executor"):  # it takes no more work
+            solve_all("naps", naps, executor)
+    assert 1 <= len(dict(read_entries(tmp_path / "store"))) <= 5
 
 
 @contextmanager
