@@ -16,6 +16,7 @@ from granphon.array.equilibrium import Equilibrium, equilibrate
 from granphon.array.friction import LEAST_CONTACT
 from granphon.array.geometry import ReducedLoad
 from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_exactly
+from granphon.balls.contact_model import ContactModel
 from granphon.balls.contact_table import contact_frames
 from granphon.balls.lattices import BALL
 from granphon.balls.packing import MINDLIN, Packing
@@ -241,7 +242,7 @@ class Sample(Result):
             bending_stiffness=packing.bending * d * d * spring, arm_i=arm_i, arm_j=arm_j,
             motions=packing.named_motions.name, dimension=structure.dimension, prestress=exact is not None,
             lattice=structure if exact is None else None, shape=shape if exact is None else None,
-            tangential_force=across,
+            tangential_force=across, contact_model=ContactModel.of(packing),
         )  # fmt: skip
 
     @property

@@ -26,11 +26,12 @@ from numpy.typing import ArrayLike
 from granphon.array.sparse_matrices import compose
 from granphon.balls.ball import BALL_LIMITS, RIGID_PLANE, Ball, Body, ContactConstants
 from granphon.balls.contact_laws import DMT, JKR, Hertz, PairLaw, PowerLaw, TabulatedLaw, check_law, law_of_pair, read_laws
+from granphon.balls.contact_model import ContactModel, PlainLaw
 from granphon.balls.contact_table import TOUCH, ContactTable, find_contacts, repeat_contacts, require_joined
 from granphon.balls.lattices import LATTICES, Lattice, find_structure
 from granphon.balls.layers import Layers, find_faces, read_edges
 from granphon.balls.motions import Motions, allowed_motions, select_motions
-from granphon.balls.packing import MINDLIN, read_rolling, require_shallow
+from granphon.balls.packing import read_rolling, require_shallow
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, brief
 from granphon.base.results import Result, read_only
@@ -43,8 +44,6 @@ from granphon.media.limits import Check, check_limit
 from granphon.media.state import read_finite_overlap
 from granphon.networks.network import ContactNetwork
 
-#: a contact law that plain data can hold
-Laws = Hertz | PowerLaw | DMT | JKR | TabulatedLaw
 #: most cells of a supercell along a period, and most layers of a cut
 _MOST_CELLS = 1_000_000
 #: most balls of a crystal: its contacts are held in memory, about 1 kB a ball
@@ -134,7 +133,7 @@ class Crystal(Result):
     cell: Array
     positions: Array
     contacts: ContactTable
-    law: Hertz | PowerLaw | DMT | JKR | TabulatedLaw | tuple[tuple[tuple[str, str], Laws], ...] | Any
+    law: Hertz | PowerLaw | DMT | JKR | TabulatedLaw | tuple[tuple[tuple[str, str], PlainLaw], ...] | Any
     friction: bool
     motions: str | None
     torsion: float | str
@@ -588,10 +587,8 @@ class Crystal(Result):
 
     def law_of(self, i: int, j: int) -> tuple[PairLaw, float]:
         """Return the law of balls i and j, and kappa/k; numbers from that of the balls on are floors."""
-        names, bodies = (*self.names, RIGID_PLANE.name), list[Body]([*self.kinds, RIGID_PLANE])
-        one, two = (int(self.kind[at]) if at < self.n_balls else -1 for at in (i, j))
-        ratio = ContactConstants.of(bodies[one], bodies[two]).mindlin_ratio if self.friction else 0.0
-        return law_of_pair(self.law, bodies[one], bodies[two], names[one], names[two]), ratio
+        names = [self.names[self.kind[end]] if end < self.n_balls else RIGID_PLANE.name for end in (i, j)]
+        return self.contact_model.law_of(names[0], names[1])
 
     def touch(self) -> CrystalState:
         """Return the crystal as its balls touch, without load; stiffnesses are those at overlaps of 1e-6 of distances."""
@@ -602,6 +599,11 @@ class Crystal(Result):
             self, springs.force(overlap), overlap, springs.stiffness(overlap), unit, np.zeros((self.n_balls, d)),
             np.zeros((p, p)), np.zeros((p, p)), np.zeros(len(frame.walls)),
         )  # fmt: skip
+
+    @cached_property
+    def contact_model(self) -> ContactModel:
+        """The kinds and the laws of their contacts, which networks of the crystal have too."""
+        return ContactModel(self.kinds, self.names, self.law, self.friction, self.torsion, self.bending)
 
     @cached_property
     def _constants(self) -> Array:
@@ -1064,16 +1066,14 @@ class CrystalState(Result):
     @property
     def torsion_stiffness(self) -> Array:
         """(..., n_c) stiffness against twist, N m."""
-        crystal, k = self.crystal, self.normal_stiffness
-        if crystal.torsion == MINDLIN:
-            modulus, _, _, twist = crystal._constants
-            return np.asarray(twist * (k / (2.0 * modulus)) ** 3)
-        return np.asarray(float(crystal.torsion) * k * crystal._frame[0].distance ** 2)
+        modulus, _, _, twist_modulus = self.crystal._constants
+        distance = self.crystal._frame[0].distance
+        return self.crystal.contact_model.find_torsion(self.normal_stiffness, distance, modulus, twist_modulus)
 
     @property
     def bending_stiffness(self) -> Array:
         """(..., n_c) stiffness against rolling, N m."""
-        return np.asarray(self.crystal.bending * self.normal_stiffness * self.crystal._frame[0].distance ** 2)
+        return self.crystal.contact_model.find_bending(self.normal_stiffness, self.crystal._frame[0].distance)
 
     @property
     def contact_radius(self) -> Array:
@@ -1217,7 +1217,7 @@ class CrystalState(Result):
         return ContactNetwork(
             cell=cell, pbc=(p > 0, p > 1, p > 2), positions=positions, radii=radii, masses=masses, inertias=inertias,
             motions=crystal.motions or next(iter(allowed)), dimension=d, prestress=follows,
-            adhesive=crystal._springs.adhere,
+            adhesive=crystal._springs.adhere, contact_model=crystal.contact_model,
             kinds=(*(crystal.names[one] for one in crystal.kind.tolist()), *(RIGID_PLANE.name,) * extra), **own,
         )  # fmt: skip
 

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.balls.contact_laws import PairLaw
+from granphon.balls.contact_model import ContactModel
 from granphon.balls.hertz import MUCH_LARGER, HertzLaw
 from granphon.balls.packing import MINDLIN, Packing
 from granphon.base.arrays import Array
@@ -570,7 +571,9 @@ class ContactState(State, Result):
             raise InputError(what, mend="Use the network of a sample: state.samples[0].network")
         lattice, structure, units = self.contact_lattice(), self.packing.structure, self.scales
         ones = (1,) * structure.periods
-        return lattice.contact_network(units, self.force / units.force, lattice=structure, shape=ones)
+        return lattice.contact_network(
+            units, self.force / units.force, lattice=structure, shape=ones, contact_model=ContactModel.of(self.packing)
+        )
 
     @property
     def twist_velocity(self) -> Values | None:

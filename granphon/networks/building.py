@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from granphon.balls.ball import Ball
+from granphon.balls.contact_model import ContactModel
 from granphon.balls.hertz import HertzLaw, harmonic_diameter
 from granphon.balls.material import Material
 from granphon.balls.motions import allowed_motions
@@ -110,6 +112,7 @@ class Source:
     prestress: bool = False
     left_out: int = 0
     adhesive: bool = False
+    contact_model: ContactModel | None = None
 
     def complete(
         self, material: Material | None, friction: bool, dimension: int | None, motions: str | None, prestress: bool | None
@@ -271,11 +274,15 @@ class Source:
             found["tangential_force"] = contacts.tangential_force
         if contacts.normal_stiffness is None:  # without force a Hertz contact has no stiffness: it is open
             found = {name: values[force > 0.0] for name, values in found.items()}
+        model = self.contact_model
+        if material is not None:
+            size = 2.0 * float(np.mean(balls.radii[np.isfinite(balls.radii)]))
+            model = ContactModel((Ball(material, size),), friction=bool(np.any(shear)), own_radii=True)
         return {
             "cell": cell, "pbc": tuple(pbc.tolist()), "positions": positions, "radii": balls.radii, "masses": masses,
             "inertias": inertias, **found, "motions": next(iter(allowed_motions(dimension))) if motions is None else motions,
             "dimension": dimension, "prestress": prestress, "left_out": self.left_out, "labels": balls.labels,
-            "kinds": balls.kinds, "adhesive": self.adhesive,
+            "kinds": balls.kinds, "adhesive": self.adhesive, "contact_model": model,
         }  # fmt: skip
 
 

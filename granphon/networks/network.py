@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Annotated, Any, Self
 
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.balls.ball import RIGID_PLANE
+from granphon.balls.contact_model import ContactModel
 from granphon.balls.contact_table import TOUCH, repeat_contacts, require_joined
 from granphon.balls.lattices import Lattice
 from granphon.balls.layers import Layers, find_axes, find_faces, read_edges
@@ -90,6 +91,8 @@ class ContactNetwork(Result):
         cells, ball by ball of each cell; None for a network of another kind.
     adhesive : whether contacts may pull.
     kinds : (n,) names of the kinds of the balls, by which pictures and files tell them apart; None if they are not known.
+    contact_model : the materials of the kinds and the law of their contacts, from which :meth:`cut` knows how balls stand on
+        a floor; None if they are not known.
 
     Raises
     ------
@@ -125,6 +128,7 @@ class ContactNetwork(Result):
     tangential_force: Annotated[Array | None, "c 3?", "N"] = None
     adhesive: bool = False
     kinds: Annotated[tuple[str, ...] | None, "n?"] = None
+    contact_model: ContactModel | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         plain: Any = self.pbc
@@ -451,7 +455,8 @@ class ContactNetwork(Result):
     def cut(self, axis: Any, layers: int, edges: Any = "free") -> Self:
         """Return so many layers of the network, which no longer repeat across them: a strip, slab, column or flake.
 
-        Contacts have the stiffness of the bulk: a cut says what waves do at an edge, not how the edge came to rest.
+        Contacts between balls have the stiffness of the bulk: a cut says what waves do at an edge, not how the edge came to
+        rest.
 
         Parameters
         ----------
@@ -459,16 +464,17 @@ class ContactNetwork(Result):
             indices of their plane, one for each period.
         layers : their number, in cells.
         edges : how the two faces are held: "free"; "clamped", the balls of the outer layer do not move; "floor", a rigid
-            plane touches the outer balls, with the mean stiffness of the contacts that each ball has lost there, and their
-            force across the edge. One word for both, or (lower, upper).
+            plane touches the outer balls. The force on it is that of the contacts which each ball has lost there, and its
+            stiffness that of a ball on a rigid plane under this force, by the :attr:`contact_model`: the floor of
+            :meth:`Crystal.cut <granphon.Crystal.cut>`. One word for both, or (lower, upper).
 
         The layers follow each other along the first axis that is no longer a period, the lower face first: y of what was cut
         from a plane, z from space, x from a chain. If need be the network is turned, so that the periods that are left lie
         along x or in the xy plane.
 
         Raises :class:`~granphon.base.errors.InputError` for an axis that is no period, for so few layers that a contact
-        reaches across all of them, if layers are not connected, if no ball can move, and if a clamped ball touches no ball
-        that moves.
+        reaches across all of them, if layers are not connected, if no ball can move, if a clamped ball touches no ball that
+        moves, and for a floor if materials are not known or no force presses a ball on it.
         """
         count, words = whole_number("layers", layers, 1, MOST_CELLS), require("edges", read_edges, edges)
         periods, n, d = np.flatnonzero(self.pbc), self.n_balls, self.dimension
@@ -510,17 +516,15 @@ class ContactNetwork(Result):
             lost, ball, out = (one[np.isin(ball, at)] for one in (lost, ball, out))
             spare, at = np.setdiff1d(at, ball), np.intersect1d(at, ball)
             if spare.size and (not differ or not at.size):  # of balls that differ some may carry no load there
-                what = f"ball {spare[0]} of the {'lower' if side < 0.0 else 'upper'} face has lost no contact there"
-                raise InputError(what, "A floor has the stiffness of such contacts", "Cut elsewhere, or clamp it")
+                what = f"ball {spare[0]} of the {_name_face(side)} has lost no contact there"
+                raise InputError(what, "Nothing says with which force it stands on a floor", "Cut elsewhere, or clamp it")
             place, which, m = np.searchsorted(at, ball), row[lost], len(at)
-            springs = ("normal_stiffness", "shear_stiffness", "torsion_stiffness", "bending_stiffness")
-            each = {name: getattr(self, name)[which] for name in springs}
-            each["arm_i"] = np.where(has_i[lost], self.arm_i[which], self.arm_j[which])
-            wall: dict[str, Any] = {name: np.bincount(place, one) / np.bincount(place) for name, one in each.items()}
-            toward = out * (self.normal[which] @ turn.T[:, p])
+            push = self.normal_force[which, None] * self.normal[which]  # of ball i on ball j
+            push += 0.0 if self.tangential_force is None else self.tangential_force[which]
+            force = np.bincount(place, out * (push @ turn.T[:, p]))
+            wall = self._press_on_floor(at, force, _name_face(side))
             wall |= {"i": at, "j": np.full(m, len(balls["masses"])), "normal": side * np.eye(3)[np.full(m, p)]}
-            wall |= {"arm_j": np.zeros(m), "tangential_force": np.zeros((m, 3)), "shift": np.zeros((m, 3), np.intp)}
-            wall["normal_force"] = np.bincount(place, self.normal_force[which] * toward)
+            wall |= {"tangential_force": np.zeros((m, 3)), "shift": np.zeros((m, 3), np.intp)}
             contacts = {name: np.concatenate([values, wall[name]]) for name, values in contacts.items()}
             spot = np.eye(3)[p] * np.mean(balls["positions"][at, p] + side * balls["radii"][at])
             balls |= {name: np.append(balls[name], np.inf) for name in _BALLS}
@@ -549,6 +553,44 @@ class ContactNetwork(Result):
             lattice=None, shape=None, kinds=self.kinds and self.kinds * count + floors,
         )  # fmt: skip
 
+    def _press_on_floor(self, balls: Index, force: Array, face: str) -> dict[str, Array]:
+        """Return the fields of the contacts of ``balls`` of a cut with a rigid plane, each under its own ``force``, N."""
+        model = self.contact_model
+        if model is None:
+            what = f"there is no floor for the balls of the {face}, whose materials are not known"
+            mend = "Give the material where the network is read, as from_table(..., material=...); or clamp the face"
+            raise InputError(what, "Its stiffness is that of a ball on a rigid plane", mend)
+        ball = balls % self.n_balls  # of the layer
+        names = [self.kinds[number] for number in ball.tolist()] if self.kinds and model.names else []
+        if missing := sorted(set(names) - set(model.names)):
+            known = ", ".join(model.names)
+            raise InputError(f"no material is known of balls of the kind {missing[0]!r}", f"It is of {known}")
+        try:
+            found = model.press_on_floor(names, self.radii[ball], force)
+        except InputError as error:
+            raise InputError(f"there is no floor for the balls of the {face}: {str(error).rstrip('.')}") from error
+        loose = np.flatnonzero(~(found["normal_stiffness"] > 0.0))
+        if loose.size:
+            what = f"a floor bears no load of ball {balls[loose[0]]} of the {face}"
+            raise InputError(what, "Without a force its contact has no stiffness", "Press the network, or clamp the face")
+        # the arms of a network whose balls overlap; of small overlaps the places are those at which balls touch
+        overlap = found.pop("overlap")
+        if self.prestress or model.own_radii:
+            found["arm"] = self.radii[ball] - 0.5 * overlap
+        found["arm_i"] = found.pop("arm")
+        found["arm_j"] = self.radii[ball] - overlap - found["arm_i"] if self.prestress or model.own_radii else 0.0 * overlap
+        return found | {"normal_force": force}
+
+    def storable(self) -> Self:
+        """Return the network as plain data and files can hold it: without the contact model of a user's own law."""
+        model = self.contact_model
+        return self if model is None or model.is_plain else replace(self, contact_model=None)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the network as plain data, as of any result; without the contact model of a user's own law."""
+        network = self.storable()
+        return Result.to_dict(network)
+
     @classmethod
     def from_table(
         cls, balls: Any, contacts: Any, *, material: Material | None = None, cell: ArrayLike | None = None,
@@ -574,7 +616,7 @@ class ContactNetwork(Result):
         Parameters
         ----------
         balls, contacts : the two tables. A mass of ``inf`` is a body that does not move; its contacts need a normal.
-        material : of all balls.
+        material : of all balls; also what :meth:`cut` needs for a floor.
         cell : lengths of the periods, m, or their vectors as rows, (p,) or (p, d); none by default.
         pbc : whether the network repeats along each vector of the cell; by default along all of them.
         dimension : 1, 2 or 3; by default the number of coordinates, or 2 where z is the same for all balls.
@@ -679,7 +721,7 @@ class ContactNetwork(Result):
         """
         from granphon.networks.tables import write_tables
 
-        write_tables(vars(self), balls, contacts)
+        write_tables(vars(self.storable()), balls, contacts)
 
 
 #: what reads the files of other programs, by the name of the program
@@ -783,6 +825,10 @@ def _list_demands(network: ContactNetwork) -> Iterator[tuple[str, Any, str, str]
     yield "normal_stiffness", network.normal_stiffness >= 1.0 / LARGEST, f"has a stiffness {said}", ""
     for name in _SPRINGS:
         yield name, getattr(network, name) <= LARGEST, f"has a {name} {said}", ""
+
+
+def _name_face(side: float) -> str:
+    return "lower face" if side < 0.0 else "upper face"
 
 
 def number_pieces(i: Index, j: Index, moving: Flags) -> Index:

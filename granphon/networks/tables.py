@@ -12,9 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from granphon.balls.contact_model import ContactModel
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import LENGTH, LOADS, Quantity
+from granphon.base.results import plain, restore
 from granphon.base.staging import write_text
 from granphon.base.tables import Heading, Table, table_text
 from granphon.base.text import closest, decode, open_seal, read_bytes, require_path, seal, warn_unverified
@@ -227,6 +229,7 @@ def read_tables(balls: Any, contacts: Any, columns: Mapping[str, str], cell: Any
     return Source(
         found, Contacts(of_contacts.name, i, j, shift, None, normal, across, **springs), periods, periodic,
         **{name: said[name] for name in ("dimension", "motions", "prestress", "left_out", "adhesive") if name in said},
+        contact_model=restore(said["contact_model"], ContactModel, of_balls.name) if "contact_model" in said else None,
     )  # fmt: skip
 
 
@@ -248,6 +251,8 @@ def write_tables(fields: Mapping[str, Any], balls: str | os.PathLike[str], conta
         of_contacts |= dict(zip(_TANGENTIAL, fields["tangential_force"].T, strict=True))
     about = {name: fields[name] for name in ("pbc", "dimension", "motions", "prestress", "left_out")}
     about |= {"adhesive": True} if fields["adhesive"] else {}
+    if fields["contact_model"] is not None:
+        about["contact_model"] = plain(fields["contact_model"])
     remark = _REMARK.removeprefix("# ") + json.dumps({"cell": fields["cell"].tolist(), **about})
     for path, table, known, comments in ((balls, of_balls, BALLS, [remark]), (contacts, of_contacts, CONTACTS, [])):
         require_path(path)

@@ -11,6 +11,7 @@ import math
 import warnings
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from ase.utils.plugins import ExternalIOFormat
 
 from granphon.balls.ball import Ball, ContactConstants
 from granphon.balls.contact_laws import Hertz, PairLaw, check_law, law_of_pair, opening_overlap, read_laws
+from granphon.balls.contact_model import ContactModel
 from granphon.balls.contact_table import find_pairs
 from granphon.balls.material import Material
 from granphon.base.arrays import Array, Index
@@ -198,7 +200,10 @@ class BallContacts(ContactCalculator):
             **{f"shift_{axis + 1}": shift[:, axis] for axis in range(3)},
         }  # fmt: skip
         periods = {"cell": atoms.cell.array, "pbc": list(map(bool, atoms.pbc))} if np.any(atoms.pbc) else {}
-        return ContactNetwork.from_table(balls, contacts, **(periods | options))
+        mean = {kind: float(np.mean(radii[np.array(kinds) == kind])) for kind in dict.fromkeys(kinds)}
+        known = tuple(self._make(kind, radius) for kind, radius in mean.items())
+        model = ContactModel(known, tuple(mean), self._law, self.friction, own_radii=True)
+        return replace(ContactNetwork.from_table(balls, contacts, **(periods | options)), contact_model=model)
 
 
 def _warn_of_lengths(atoms: Atoms, radii: Array) -> None:

@@ -28,6 +28,7 @@ from granphon.array.atoms import (
     require_lying,
     take_arrays,
 )  # fmt: skip
+from granphon.balls.contact_model import ContactModel
 from granphon.balls.contact_table import TOUCH, ContactTable, find_pairs
 from granphon.balls.lattices import BALL
 from granphon.balls.motions import ALL, IN_PLANE, LONGITUDINAL, OUT_OF_PLANE, allowed_motions, select_motions
@@ -593,6 +594,7 @@ class HertzMindlin(ContactCalculator):
         return lattice.contact_network(
             self.scales, force / self.scales.force, 0.5 * (1.0 + atoms.arrays["diameter_deviations"]),
             positions=positions, pbc=tuple(map(bool, atoms.pbc)), prestress=self.finite_overlap,
+            contact_model=ContactModel.of(self.state.packing),
         )  # fmt: skip
 
     def _find_lattice(self, atoms: Atoms, motions: str | None) -> tuple[ContactLattice, Law, Array]:

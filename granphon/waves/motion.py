@@ -318,6 +318,7 @@ def _require_place(path: Any) -> None:
 
 def _begin_file(path: Any, network: ContactNetwork, step: float, met: Index, frame: Mapping[str, Any]) -> RecordFile:
     """Return a file of a motion, without frames, that takes such as ``frame``."""
+    network = network.storable()
     values = {one.name: getattr(network, one.name) for one in fields(network)}
     arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
     rest = {name: plain(value) for name, value in values.items() if name not in arrays}

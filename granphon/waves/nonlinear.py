@@ -158,13 +158,12 @@ class NonlinearWaves:
         pairs = self._group(network.i, network.j)
         crystal = state.crystal if state is not None and law is None else law
         if isinstance(crystal, Crystal) and not (unloaded and law is not None):
-            first = {RIGID_PLANE.name: crystal.n_balls}
-            first |= {name: int(np.argmax(crystal.kind == at)) for at, name in enumerate(crystal.names)}
+            kinds = {name: name for name in (*crystal.names, RIGID_PLANE.name)}
             if not network.kinds and len(crystal.names) == 1:
-                first[_BALL] = 0
-            elif not network.kinds or not set(network.kinds) <= set(first):
+                kinds[_BALL] = crystal.names[0]
+            elif not network.kinds or not set(network.kinds) <= set(kinds):
                 raise InputError("the balls of the network are not of the kinds of the crystal", mend="Give a law")
-            self._find = lambda one, other: crystal.law_of(first[one], first[other])
+            self._find = lambda name, other: crystal.contact_model.law_of(kinds[name], kinds[other])
             self._known = Springs([(self._find(*pair)[0], at) for pair, at in pairs.items()], force.size)
             return _take_laws(self._known, self._known.overlap(np.zeros_like(force) if unloaded else force))
         eta = network.shear_stiffness / stiffness

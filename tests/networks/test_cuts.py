@@ -10,6 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import granphon as gp
+from granphon.balls.ball import RIGID_PLANE
 from granphon.base.errors import InputError
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
@@ -23,10 +24,10 @@ def bulk(lattice, motions=None, **options):
 
 
 def chain(masses, springs):
-    """A chain of two balls in the cell: the first spring within the cell, the second to the next one."""
-    network = gp.Crystal.on("chain", [BALL, BALL]).at_force(10.0).network
-    inside = np.any(network.shift != 0, axis=1).astype(int)
-    return replace(network, masses=masses, normal_stiffness=np.array(springs)[inside])
+    """A chain of two balls in the cell: the first spring within the cell, the second to the next one, and to a floor."""
+    network = gp.Crystal.on("chain", [BALL, BALL], law=gp.PowerLaw(1.0, springs[1])).at_force(10.0).network
+    crossing = np.any(network.shift != 0, axis=1).astype(int)
+    return replace(network, masses=masses, normal_stiffness=np.array(springs)[crossing])
 
 
 def squares(network, q=(), still=0):
@@ -174,7 +175,7 @@ def test_a_flake_is_cut_along_one_axis_after_the_other():
 # -- how edges are held --------------------------------------------------------------------------------------------------
 
 
-def test_a_clamped_edge_is_that_of_heavy_balls_and_a_floor_has_the_springs_that_were_cut():
+def test_a_clamped_edge_is_that_of_heavy_balls_and_a_floor_bears_what_was_cut():
     network = bulk("triangular")
     free, held = network.cut(1, 8), network.cut(1, 8, ("free", "clamped"))
     heavy = replace(free, masses=np.where(held.moving, free.masses, 1e12 * free.masses[0]),
@@ -189,7 +190,86 @@ def test_a_clamped_edge_is_that_of_heavy_balls_and_a_floor_has_the_springs_that_
     assert_allclose(np.sort(against[:, 1]), [-1.0, 1.0])
     # in balance: the force of the wall is that of the two contacts across the edge
     assert_allclose(floor.normal_force[-1], np.sqrt(3.0) * 10.0, rtol=1e-12)
-    assert_allclose(floor.normal_stiffness[-1], network.normal_stiffness[0], rtol=1e-12)
+    # a ball on a rigid plane is half of a contact of two: twice as stiff under the same force, and this has 3^(1/2) of it
+    assert_allclose(floor.normal_stiffness[-1], 2.0 * 3.0 ** (1.0 / 6.0) * network.normal_stiffness[0], rtol=1e-12)
+
+
+ALUMINIUM = gp.Ball(gp.Material(73.5e9, 0.33, 2694.0), D)
+#: a floor as networks have it: of a crystal with two kinds, in space, of a law that adheres, of a table
+FLOORS = {
+    "chain": ("chain", 0, [BALL, ALUMINIUM], {}),
+    "triangular": ("triangular", 1, [BALL], {"bending": 1e-3}),
+    "NaCl": ("NaCl", (1, 1, 0), [BALL, ALUMINIUM], {"torsion": "mindlin"}),
+    "fcc": ("fcc", (1, 1, 1), [BALL], {"torsion": 1e-3, "law": gp.DMT(20.0)}),
+    "JKR": ("triangular", 1, [BALL], {"law": gp.JKR(20.0)}),
+    "pairs": ("chain", 0, [BALL], {"law": {("A", "A"): gp.Hertz(), ("A", "floor"): gp.PowerLaw(2.0, 1e12)}}),
+}
+_OF_FLOOR = ("normal_force", *(f"{name}_stiffness" for name in ("normal", "shear", "torsion", "bending")), "arm_i", "arm_j")
+
+
+def on_floor(network):
+    """The fields of the contacts with floors, by ball."""
+    of_floor = np.flatnonzero(np.isinf(network.radii[network.j]))
+    of_floor = of_floor[np.argsort(network.i[of_floor], kind="stable")]
+    return {name: getattr(network, name)[of_floor] for name in _OF_FLOOR}
+
+
+@pytest.mark.claim("floor")
+@pytest.mark.parametrize("name", FLOORS)
+def test_a_network_stands_on_the_floor_of_its_crystal(name):
+    lattice, axis, kinds, options = FLOORS[name]
+    crystal = gp.Crystal.on(lattice, kinds, **options)
+    load = {"chain": 20.0, "triangular": 1e3}.get(lattice, 1e5)
+    found = on_floor(crystal.at_pressure(load).network.cut(axis, 4, "floor"))
+    expected = on_floor(crystal.cut(axis, 4, "floor").at_pressure(load).network)
+    for field in _OF_FLOOR:
+        assert_allclose(found[field], expected[field], rtol=1e-12, err_msg=field)
+
+
+@pytest.mark.claim("floor")
+def test_a_ball_on_a_floor_is_that_of_hertz_and_mindlin():
+    crystal = gp.Crystal.on("chain", [BALL, ALUMINIUM], motions="all")
+    found = on_floor(crystal.at_force(20.0).network.cut(0, 20, "floor"))
+    for place, ball in enumerate((BALL, ALUMINIUM)):  # 1/E* is (1 - nu^2)/E of the ball, and 1/G* (2 - nu)/G
+        young, nu = ball.material.young_modulus, ball.material.poisson_ratio
+        k = (6.0 * (young / (1.0 - nu**2)) ** 2 * ball.radius * 20.0) ** (1.0 / 3.0)
+        ratio = 4.0 * (1.0 - nu**2) / young * (0.5 * young / (1.0 + nu)) / (2.0 - nu)
+        assert_allclose(found["normal_stiffness"][place], k, rtol=1e-13)
+        assert_allclose(found["shear_stiffness"][place], ratio * k, rtol=1e-13)
+
+
+def test_a_floor_of_networks_from_elsewhere(tmp_path):
+    """Tables with a material have the floor of their own balls; those without know none, and say so."""
+    radii = np.array([4e-3, 3e-3])
+    balls = {"x": [4e-3, 11e-3], "radius": radii}
+    contacts = {"i": [0, 1], "j": [1, 0], "shift_1": [0, 1], "normal_force": [10.0, 10.0]}
+    network = gp.ContactNetwork.from_table(balls, contacts, material=STEEL, cell=[14e-3])
+    found = on_floor(network.cut(0, 3, "floor"))
+    law = [gp.Hertz().between(gp.Ball(STEEL, 2.0 * radius), RIGID_PLANE) for radius in radii]
+    overlap = np.array([one.overlap(10.0) for one in law])
+    assert_allclose(found["normal_stiffness"], 1.5 * 10.0 / overlap, rtol=1e-12)
+    assert_allclose(found["arm_i"] + found["arm_j"], radii - overlap, rtol=1e-12)
+    # tables and plain data keep what a network knows of its balls
+    crystal = gp.Crystal.on("chain", [BALL, ALUMINIUM], law=gp.JKR(10.0)).at_force(10.0).network
+    files = tmp_path / "balls.csv", tmp_path / "contacts.csv"
+    for source in (network, crystal):
+        source.write_tables(*files)
+        for read in (gp.ContactNetwork.from_table(*files), gp.ContactNetwork.from_dict(source.to_dict())):
+            assert read.contact_model == source.contact_model
+            assert on_floor(read.cut(0, 3, "floor"))["normal_stiffness"].tolist() == (
+                on_floor(source.cut(0, 3, "floor"))["normal_stiffness"].tolist())  # fmt: skip
+    # Atoms with a calculator, a simulated sample, and the medium of a packing stand on one floor
+    packing = gp.Packing(STEEL, D, gp.Uniform(1e-9))
+    state = gp.AveragedLattice(packing).at_force(10.0)
+    sample = gp.DirectSimulation(packing, shape=(4, 4)).at_force(10.0).sample
+    atoms = gp.atoms(state)
+    stiffness = [on_floor(gp.Waves(one).network.cut(1, 3, "floor"))["normal_stiffness"] for one in (state, atoms)]
+    assert_allclose(stiffness[0], stiffness[1], rtol=1e-12)
+    assert_allclose(on_floor(sample.network.cut(1, 2, "floor"))["normal_stiffness"], stiffness[0][0], rtol=1e-2)
+    with pytest.raises(InputError, match="material"):
+        replace(network, contact_model=None).cut(0, 3, "floor")
+    with pytest.raises(InputError, match="load"):
+        replace(network, normal_force=np.zeros(2)).cut(0, 3, "floor")
 
 
 @pytest.mark.parametrize("geometry", ["lattice", "exact"])

@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.array import sparse_matrices
+from granphon.balls.contact_model import ContactModel
 from granphon.base.errors import ConvergenceError, InputError, PrecisionError
 from granphon.waves import response
 from tests import packings
@@ -31,14 +32,21 @@ def ideal(name, mindlin_ratio=0.8, **more):
     return gp.ContactLattice.of(name, mindlin_ratio, **more).contact_network(UNITS)
 
 
+def springs(network):
+    """The network, pressed, with a floor of its own stiffness: that of springs which are the same whatever they join."""
+    ball = gp.Ball(gp.Material(211.65e9, 0.276, 7840.0), D)
+    model = ContactModel((ball,), law=gp.PowerLaw(1.0, UNITS.stiffness))
+    return replace(network, contact_model=model, normal_force=np.ones(network.n_contacts))
+
+
 def chain(count, edges="free"):
-    return ideal("chain", 0.0).cut(0, count, edges)
+    return springs(ideal("chain", 0.0)).cut(0, count, edges)
 
 
 @pytest.fixture(scope="module")
 def strip():
     """A triangular strip on a floor, under static forces, whose contacts differ."""
-    network = ideal("triangular").repeat((4, 1)).cut(1, 5, ("floor", "free"))
+    network = springs(ideal("triangular")).repeat((4, 1)).cut(1, 5, ("floor", "free"))
     rng = np.random.default_rng(3)
     normal = rng.uniform(0.5, 1.5, network.n_contacts) * UNITS.stiffness
     return replace(

@@ -1,0 +1,137 @@
+"""What is known of the contacts of balls: their materials and the law, from which the stiffness of any contact follows.
+
+A crystal or a packing has it whole, and hands it to its networks of contacts: so a network that is cut knows how its balls
+stand on a floor, which they did not touch before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Self
+
+import numpy as np
+
+from granphon.balls.ball import RIGID_PLANE, Ball, Body, ContactConstants
+from granphon.balls.contact_laws import (
+    DMT,
+    JKR,
+    Hertz,
+    PairLaw,
+    PowerLaw,
+    TabulatedLaw,
+    check_law,
+    law_of_pair,
+)
+from granphon.balls.packing import MINDLIN, Packing
+from granphon.base.arrays import Array
+
+#: a contact law that plain data can hold
+PlainLaw = Hertz | PowerLaw | DMT | JKR | TabulatedLaw
+
+
+@dataclass(frozen=True)
+class ContactModel:
+    """The kinds of the balls, and how they touch.
+
+    Attributes
+    ----------
+    kinds : the ball of each kind, whose diameter is the mean one of the kind.
+    names : what each kind is called; empty for balls of one kind that has no name.
+    law : that of all pairs, or a tuple of pairs of names, each with its law, as :func:`read_laws` returns it.
+    friction : whether contacts resist slip, as those of Mindlin that do not slip.
+    torsion, bending : as for :class:`~granphon.Crystal`.
+    own_radii : whether contacts have the curvatures of the radii of their balls, not those of the kinds.
+    """
+
+    kinds: tuple[Ball, ...]
+    names: tuple[str, ...] = ()
+    law: Hertz | PowerLaw | DMT | JKR | TabulatedLaw | tuple[tuple[tuple[str, str], PlainLaw], ...] | Any = field(
+        default_factory=Hertz
+    )
+    friction: bool = True
+    torsion: float | str = 0.0
+    bending: float = 0.0
+    own_radii: bool = False
+
+    @classmethod
+    def of(cls, packing: Packing) -> Self:
+        """Return that of the balls of a packing, which are of one kind and have the law of the mean ball."""
+        ball = Ball(packing.material, packing.diameter)
+        return cls((ball,), friction=packing.friction, torsion=packing.torsion, bending=packing.bending)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether plain data can hold it: its laws are not a user's."""
+        laws = [law for _, law in self.law] if isinstance(self.law, tuple) else [self.law]
+        return all(isinstance(law, PlainLaw) for law in laws)
+
+    def body(self, name: str) -> Body:
+        """Return the ball of the kind of a ``name``, or the rigid plane for that of a floor."""
+        if name == RIGID_PLANE.name:
+            return RIGID_PLANE
+        return self.kinds[self.names.index(name) if self.names else 0]
+
+    def law_of(self, name: str, other: str) -> tuple[PairLaw, float]:
+        """Return the law of balls of two kinds, or of a ball and a floor, and kappa/k."""
+        bodies = self.body(name), self.body(other)
+        return law_of_pair(self.law, *bodies, name, other), self.mindlin_ratio(*bodies)
+
+    def mindlin_ratio(self, ball: Body, other: Body) -> float:
+        """Return kappa/k of two bodies: 4 G*/E*, or 0 without friction."""
+        return ContactConstants.of(ball, other).mindlin_ratio if self.friction else 0.0
+
+    def find_torsion(self, stiffness: Any, distance: Any, modulus: Any, twist_modulus: Any) -> Array:
+        """Return the stiffness against twist, N m, of contacts with a normal ``stiffness``, N/m.
+
+        ``distance`` is that of the two centres, m; E* and the modulus of twist, Pa, are those of
+        :class:`~granphon.balls.ball.ContactConstants`.
+        """
+        if self.torsion == MINDLIN:
+            return np.asarray(twist_modulus * (stiffness / (2.0 * modulus)) ** 3)
+        return np.asarray(float(self.torsion) * stiffness * distance**2)
+
+    def find_bending(self, stiffness: Any, distance: Any) -> Array:
+        """Return the stiffness against rolling, N m; for the arguments see :meth:`find_torsion`."""
+        return np.asarray(self.bending * stiffness * distance**2)
+
+    def press_on_floor(self, names: Sequence[str], radii: Array, force: Array) -> dict[str, Array]:
+        """Return the contacts of balls with a rigid plane, each under its own force.
+
+        Parameters
+        ----------
+        names : the kind of each ball; empty if they are of one kind.
+        radii : (m,) of the balls, m, which count if the model has ``own_radii``.
+        force : (m,) on the plane, N.
+
+        Returns (m,) ``overlap``, m, ``arm``, the radius with which the contact is reckoned, m, and ``normal_stiffness``,
+        ``shear_stiffness``, N/m, ``torsion_stiffness``, ``bending_stiffness``, N m. Raises
+        :class:`~granphon.base.errors.InputError` for a force that the law does not bear, and for kinds without a law.
+        """
+        number = np.array([self.names.index(name) for name in names] if self.names else np.zeros(len(radii)), int)
+        diameters = 2.0 * radii if self.own_radii else np.array([ball.diameter for ball in self.kinds])[number]
+        found = {name: np.zeros(len(radii)) for name in ("overlap", "arm", *_STIFFNESSES)}
+        pairs, of_pair = np.unique(np.stack([number, diameters], axis=1), axis=0, return_inverse=True)
+        for place, (kind, diameter) in enumerate(pairs.tolist()):
+            balls = np.flatnonzero(of_pair.ravel() == place)
+            ball = self.kinds[int(kind)]
+            body = Ball(ball.material, diameter) if self.own_radii else ball
+            name = self.names[int(kind)] if self.names else ""
+            law = law_of_pair(self.law, body, RIGID_PLANE, name, RIGID_PLANE.name)
+            constants = ContactConstants.of(body, RIGID_PLANE)
+            check_law(law, constants.radius)
+            overlap = np.asarray(law.overlap(force[balls]))
+            stiffness = np.asarray(law.stiffness(overlap))
+            radius = 0.5 * diameter
+            found["overlap"][balls] = overlap
+            found["arm"][balls] = radius
+            found["normal_stiffness"][balls] = stiffness
+            found["shear_stiffness"][balls] = self.mindlin_ratio(body, RIGID_PLANE) * stiffness
+            found["torsion_stiffness"][balls] = self.find_torsion(
+                stiffness, radius, constants.modulus, constants.twist_modulus
+            )
+            found["bending_stiffness"][balls] = self.find_bending(stiffness, radius)
+        return found
+
+
+_STIFFNESSES = ("normal_stiffness", "shear_stiffness", "torsion_stiffness", "bending_stiffness")
