@@ -181,9 +181,12 @@ def assemble(network, normal, shear):
     return whole
 
 
-@pytest.mark.parametrize("prestress", [False, True])
-def test_response_is_that_of_matrices_made_contact_by_contact(strip, prestress):
-    network, rng = replace(strip, prestress=prestress), np.random.default_rng(1)
+@pytest.mark.parametrize("forces", ["none", "pressed", "some pull"])
+def test_response_is_that_of_matrices_made_contact_by_contact(strip, forces):
+    network, rng = replace(strip, prestress=forces != "none"), np.random.default_rng(1)
+    if forces == "some pull":
+        signs = np.resize([1.0, -1.0, -1.0], network.n_contacts)
+        network = replace(network, normal_force=signs * network.normal_force, adhesive=True)
     c_n, c_t, eta = (size * rng.uniform(0.0, 1.0, network.n_contacts) for size in (0.2 * VISCOSITY, 0.3 * VISCOSITY, 0.1))
     free = np.flatnonzero(network.moving)
     places = (6 * free[:, None] + [0, 1, 5]).ravel()
