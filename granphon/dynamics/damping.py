@@ -124,8 +124,9 @@ class DampedModes(Result, array="frequencies"):
 
     Attributes
     ----------
-    frequencies : (m,) complex Hz of a network, or (n_q, n_branches) of what repeats; ascending in their real part. A mode
-        decays as exp(-2 pi Im f t); one that creeps has a real part of zero, and its slower rate.
+    frequencies : (m,) complex Hz of a network, or (n_q, n_branches) of what repeats; ascending in their real part, and where
+        these are equal in the imaginary one. A mode decays as exp(-2 pi Im f t); one that creeps has a real part of zero,
+        and its slower rate. So modes that creep are the lowest, and the slowest of them is the first.
     vectors : (m, n_balls, motions) complex, of norm one, weighted with masses; None of what repeats.
     qpoints : (n_q, 3) wave vectors, fractions of the reciprocal cell; None of a network.
     """
@@ -161,8 +162,9 @@ def damp_unevenly(stiffness: NDArray[Any], viscous: NDArray[Any]) -> tuple[Compl
 
     Returns
     -------
-    omega : (..., n) complex, of x exp(i omega t), ascending in their real part: of each pair omega and -conj(omega) the one
-        with a real part above zero, one of each pair of zeros, and the slowest of those that creep.
+    omega : (..., n) complex, of x exp(i omega t), ascending in their real part, then in the imaginary one: of each pair
+        omega and -conj(omega) the one with a real part above zero, one of each pair of zeros, and the slowest of those that
+        creep, whose real part is zero.
     vectors : (..., n, n) columns of norm one.
 
     Raises :class:`~granphon.base.errors.PrecisionError` for a damping so strong that modes which creep have no digit.
@@ -181,12 +183,15 @@ def damp_unevenly(stiffness: NDArray[Any], viscous: NDArray[Any]) -> tuple[Compl
     rates, vectors = np.linalg.eig(whole)
     omega = -1j * rates
     still, ahead = np.abs(omega) <= _STILL, omega.real > _STILL
-    kinds = np.select([ahead, still, np.abs(omega.real) <= _STILL], [0, 1, 2], 3)
+    creeps = ~still & (np.abs(omega.real) <= _STILL)
+    omega = np.where(creeps, 1j * omega.imag, omega)
+    kinds = np.select([ahead, still, creeps], [0, 1, 2], 3)
     order = np.lexsort((np.where(still, -omega.real, omega.imag), kinds))
     omega, still = np.take_along_axis(omega, order, -1), np.take_along_axis(still, order, -1)
     spare = still & (2 * np.cumsum(still, axis=-1) > np.sum(still, axis=-1, keepdims=True) + 1)
     kept = np.argsort(spare, axis=-1, kind="stable")[..., :n]
-    kept = np.take_along_axis(kept, np.argsort(np.take_along_axis(omega.real, kept, -1), axis=-1, kind="stable"), -1)
+    own = np.take_along_axis(omega, kept, -1)
+    kept = np.take_along_axis(kept, np.lexsort((own.imag, own.real)), -1)
     omega, place = np.take_along_axis(omega, kept, -1), np.take_along_axis(order, kept, -1)
     vectors = np.take_along_axis(vectors[..., :n, :], place[..., None, :], -1)
     return omega * scale[..., 0], vectors / np.linalg.norm(vectors, axis=-2, keepdims=True)

@@ -9,11 +9,14 @@ by plane rotations keeps every digit of a graded matrix (J. Demmel and K. Veseli
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from granphon.base.errors import ConvergenceError, message
 
 #: relative rounding of double precision
 _EPSILON = float(np.finfo(np.float64).eps)
@@ -337,6 +340,19 @@ def find_dependent(
     return basis[:, :count], basis[:, count:]
 
 
+@contextmanager
+def lanczos_converges() -> Iterator[None]:
+    """Raise :class:`~granphon.base.errors.ConvergenceError` where an iteration of ARPACK within ends without its modes."""
+    from scipy.sparse.linalg import ArpackError
+
+    try:
+        yield
+    except ArpackError as error:
+        why = "Their frequencies may lie too close together"
+        raise ConvergenceError(message("modes are not found by Lanczos's method", why, "Ask for fewer modes")) from error
+
+
+@lanczos_converges()
 def find_nearest(matrix: Any, count: int, shift: float, solve: Callable[[Any], Any], start: Any = None) -> Any:
     """Find eigenvalues (count,) of a sparse Hermitian matrix, those nearest to ``shift``, and their vectors, by Lanczos.
 

@@ -20,19 +20,20 @@ import math
 from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granphon.array.sparse_matrices import LARGEST_FACTORS, factorise
-from granphon.base.arrays import Array
+from granphon.base.arrays import Array, Complex
 from granphon.base.errors import ConvergenceError, InputError, InstabilityError, message
 from granphon.base.results import Result
 from granphon.base.text import counted
+from granphon.base.threads import single_products
 from granphon.base.validation import not_negative, whole_number
 from granphon.dynamics.damping import ContactDamping, DampedModes, damp_evenly, damp_unevenly
-from granphon.dynamics.linalg import find_nearest
+from granphon.dynamics.linalg import find_nearest, lanczos_converges
 from granphon.networks.network import ContactNetwork
 from granphon.observables.validity import check_network
 from granphon.waves.chebyshev import Kernel, Moments, polynomials
@@ -124,6 +125,11 @@ class Problem:
     def __init__(self, operator: WaveOperator, live: NDArray[np.intp]) -> None:
         self.operator, self.live, self.top = operator, live, operator.top
         self.loose = operator.size - live.size
+
+    @classmethod
+    def of(cls, operator: WaveOperator) -> Self:
+        """Return D on all motions that some spring holds."""
+        return cls(operator, np.flatnonzero(np.diff(operator.matrix.indptr) > 0))
 
     def shifted(self, value: float) -> Any:
         """Return D - ``value``, sparse."""
@@ -507,7 +513,7 @@ def find_modes(operator: WaveOperator, count: int, nearest: float | None) -> Net
     if target > operator.top:
         top = operator.top / (2.0 * math.pi)
         raise InputError(f"the network has no modes near {nearest:g} Hz", f"All frequencies are below {top:.6g} Hz")
-    problem = Problem(operator, np.flatnonzero(np.diff(operator.matrix.indptr) > 0))
+    problem = Problem.of(operator)
     size = problem.live.size
     if count > size:
         raise make_too_few(size, count)
@@ -546,30 +552,75 @@ def find_damped(
         return DampedModes(omega[order] / (2.0 * math.pi), modes.vectors[order].astype(complex))
     count = whole_number("count", count, 1)
     target = 0.0 if nearest is None else 2.0 * math.pi * not_negative("nearest", nearest, "Hz")
-    n, top, matrix = operator.size, operator.top, operator.matrix
-    lost, viscous = (operator.weigh(one) for one in (damped.losses, damped.times))
-    if 2 * n <= DENSE:  # the size of the matrix of first order
-        omega, vectors = damp_unevenly((matrix + 1j * lost).toarray(), viscous.toarray())
-    elif n <= LARGEST_FACTORS[network.dimension]:
-        omega, vectors = _follow_damped((matrix + 1j * lost) / top**2, viscous / top, 2 * count + _SPARE, target / top)
-        omega = omega * top
-    else:
+    problem = Problem.of(operator)
+    top, live = operator.top, problem.live
+    if live.size > LARGEST_FACTORS[network.dimension]:
         mend = "Damp all contacts alike, or take a smaller network"
-        raise InputError(f"{n:,} motions that are damped unevenly are too many", mend=mend)
-    cost = np.flatnonzero((omega.real > ZERO * top) | (omega.imag > ZERO * top) & (omega.real > -ZERO * top))
-    chosen = cost[np.argsort(np.abs(omega[cost].real - target), kind="stable")[:count]]
-    if chosen.size < count:
-        raise make_too_few(chosen.size, count)
-    chosen = chosen[np.argsort(omega[chosen].real, kind="stable")]
+        raise InputError(f"{live.size:,} motions that are damped unevenly are too many", mend=mend)
+    lossy = ((operator.matrix + 1j * operator.weigh(damped.losses)) / top**2).tocsr()[live][:, live]
+    viscous = (operator.weigh(damped.times) / top).tocsr()[live][:, live]
+    many = _SHARE * (2 * count + _SPARE) > 2 * live.size
+    if 2 * live.size <= DENSE or (many and live.size <= DENSE):  # twice: the size of the matrix of first order
+        squares, modes = _diagonalise(problem, count)
+        others = modes[:, find_roots(operator, squares) > ZERO * top]
+        if others.shape[1] < count:
+            raise make_too_few(others.shape[1], count)
+        omega, vectors = damp_unevenly(others.T @ (lossy @ others), others.T @ (viscous @ others))
+        chosen = _choose_damped(omega, count, target / top)
+        vectors = others @ vectors[:, chosen]
+    else:
+        still = _find_still(problem, count)
+        if live.size - still.shape[1] < count:
+            raise make_too_few(live.size - still.shape[1], count)
+        wanted = 2 * count + _SPARE  # modes that swing have two rates
+        while True:
+            if wanted > live.size - still.shape[1]:
+                what = f"{count} modes of {live.size} motions that are damped unevenly are too many to be found"
+                raise InputError(what, mend="Ask for fewer")
+            omega, vectors = _follow_damped(lossy, viscous, still, wanted, target / top)
+            chosen = _choose_damped(omega, count, target / top)
+            if chosen.size == count:
+                break
+            wanted *= 2
+        vectors = vectors[:, chosen]
+    every = np.zeros((operator.size, count), complex)
+    every[live] = vectors
     whole = np.zeros((count, network.n_balls, motions.count), complex)
-    whole[:, operator.balls] = np.moveaxis(operator.values(vectors[:, chosen]), -1, 0)
-    return DampedModes(omega[chosen] / (2.0 * math.pi), whole)
+    whole[:, operator.balls] = np.moveaxis(operator.values(every), -1, 0)
+    return DampedModes(omega[chosen] * top / (2.0 * math.pi), whole)
 
 
-def _follow_damped(stiffness: Any, viscous: Any, wanted: int, target: float) -> tuple[Any, Any]:
-    """Return omega (m,) nearest to ``target`` of x'' + G x' + D x = 0, and vectors (size, m), by Arnoldi at a shift.
+def _choose_damped(omega: Complex, count: int, target: float) -> NDArray[np.intp]:
+    """Return the places of the ``count`` modes whose real parts are nearest to ``target``, ascending, then as they decay."""
+    near = np.lexsort((omega.imag, np.abs(omega.real - target)))[:count]
+    return near[np.lexsort((omega[near].imag, omega[near].real))]
 
-    With y = x', ((0, 1), (-D, -G)) - s is solved by the factors of D + s G + s^2.
+
+def _find_still(problem: Problem, count: int) -> Array:
+    """Return motions (live, z) that cost no energy, orthonormal; ``count`` other ones are wanted."""
+    zeros = problem.count_below((ZERO * problem.top) ** 2)
+    if not zeros:
+        return np.zeros((problem.live.size, 0))
+    shift = -_SHIFT * problem.top**2
+    wanted, solve = zeros + _SPARE, problem.factors(shift).solve
+    while wanted * _SHARE <= problem.live.size:
+        _, vectors = find_nearest(problem.shifted(0.0), wanted, shift, solve)
+        omega, vectors, _ = problem.refine(vectors)
+        still = omega <= ZERO * problem.top
+        if np.count_nonzero(still) == zeros:
+            return vectors[problem.live][:, still]
+        wanted *= 2
+    squares, vectors = _diagonalise(problem, count)
+    return np.asarray(vectors[:, find_roots(problem.operator, squares) <= ZERO * problem.top])
+
+
+@single_products()
+def _follow_damped(stiffness: Any, viscous: Any, still: Array, wanted: int, target: float) -> tuple[Complex, Complex]:
+    """Return modes of x'' + G x' + D x = 0, omega (m,) with ``wanted`` rates nearest to ``target``, and vectors (n, m).
+
+    With y = x', ((0, 1), (-D, -G)) - s is solved by the factors of D + s G + s^2, and Arnoldi's vectors are kept free of the
+    motions ``still`` (n, z), which cost no energy: each is there twice, at a rate of zero, and nearer than all others. Of
+    the two rates of a motion that creeps, roots of r^2 + (x.Gx) r + x.Dx, the slower one is above the middle of them.
     """
     from scipy.sparse import eye_array
     from scipy.sparse.linalg import LinearOperator, eigs
@@ -578,17 +629,28 @@ def _follow_damped(stiffness: Any, viscous: Any, wanted: int, target: float) -> 
     unit: Any = eye_array(n)
     factors = factorise((stiffness + shift * viscous + shift**2 * unit).astype(complex), pivot=PIVOT)
 
+    def free(z: Any) -> Any:
+        parts = np.stack([z[:n].real, z[:n].imag, z[n:].real, z[n:].imag], axis=1)
+        parts -= still @ (still.T @ parts)
+        return np.concatenate([parts[:, 0] + 1j * parts[:, 1], parts[:, 2] + 1j * parts[:, 3]])
+
     def apply(z: Any) -> Any:
         return np.concatenate([z[n:], -(stiffness @ z[:n]) - viscous @ z[n:]])
 
     def solve(z: Any) -> Any:
         x = -factors.solve(z[n:] + viscous @ z[:n] + shift * z[:n])
-        return np.concatenate([x, z[:n] + shift * x])
+        return free(np.concatenate([x, z[:n] + shift * x]))
 
     whole, inverse = (LinearOperator((2 * n, 2 * n), matvec=one, dtype=complex) for one in (apply, solve))
-    start = np.random.default_rng(0).normal(size=2 * n).astype(complex)
-    rates, vectors = eigs(whole, k=min(wanted, n), sigma=shift, OPinv=inverse, v0=start)
-    return -1j * rates, vectors[:n] / np.linalg.norm(vectors[:n], axis=0)
+    start = free(np.random.default_rng(0).normal(size=2 * n).astype(complex))
+    with lanczos_converges():
+        rates, vectors = eigs(whole, k=wanted, sigma=shift, OPinv=inverse, v0=start)
+    omega, vectors = -1j * rates, vectors[:n] / np.linalg.norm(vectors[:n], axis=0)
+    creeps = np.abs(omega.real) <= ZERO
+    omega = np.where(creeps, 1j * omega.imag, omega)
+    slower = 2.0 * omega.imag < np.sum(vectors.conj() * (viscous @ vectors), axis=0).real
+    kept = np.where(creeps, slower, omega.real > 0.0)
+    return omega[kept], vectors[:, kept]
 
 
 def require_stable(operator: WaveOperator) -> None:
@@ -610,7 +672,8 @@ def require_stable(operator: WaveOperator) -> None:
             while problem.count_below(low):
                 low *= 100.0
             start = np.random.default_rng(0).normal(size=operator.size)
-            (lowest,) = eigs(whole.tocsc(), k=1, sigma=low, v0=start, tol=1e-8, return_eigenvectors=False)
+            with lanczos_converges():
+                (lowest,) = eigs(whole.tocsc(), k=1, sigma=low, v0=start, tol=1e-8, return_eigenvectors=False)
             stable = float(lowest.real) >= -((_BALANCED * operator.top) ** 2)
     else:  # Lanczos: the Krylov space of a random vector, whose lowest Ritz value is above the lowest eigenvalue
         from scipy.linalg import eigvalsh_tridiagonal
@@ -631,13 +694,19 @@ def require_stable(operator: WaveOperator) -> None:
         raise InstabilityError(UNSTABLE)
 
 
-def _find_dense(problem: Problem, count: int, target: float) -> Eigenpairs:
+def _diagonalise(problem: Problem, count: int) -> tuple[Array, Array]:
+    """Return all eigenvalues (live,) and eigenvectors (live, live) of D, of which ``count`` modes are wanted."""
     from scipy.linalg import eigh
 
     if problem.live.size > _LARGEST:
         what = f"{count} modes of {problem.live.size} motions, with those without energy, are too many to be found"
         raise InputError(what, mend="Ask for fewer")
     squares, vectors = eigh(problem.shifted(0.0).toarray())
+    return squares, vectors
+
+
+def _find_dense(problem: Problem, count: int, target: float) -> Eigenpairs:
+    squares, vectors = _diagonalise(problem, count)
     omega = find_roots(problem.operator, squares)
     chosen = problem.choose(omega, count, target)
     if chosen.size < count:

@@ -4,7 +4,8 @@ With the rows C of all contacts (:mod:`granphon.dynamics.rows`), the stiffnesses
 
     A = K^1/2 C M^-1/2,    D = A^T A - B^T (f/r) B,
 
-where the second term, B being displacements across contacts, is the prestress, if the network has it. The eigenvalues of D
+where the second term, B being displacements across contacts, is the prestress, if the network has it; f is below zero
+where contacts pull. The eigenvalues of D
 are squared angular frequencies, (rad/s)^2, and singular values of A are angular frequencies. A vector holds, for each ball
 that moves, its mass-weighted motions: M^1/2 u and M^1/2 w, w = (I/M)^1/2 phi.
 
@@ -170,7 +171,7 @@ class WaveOperator(LinearOperator):
 
     @cached_property
     def full_root(self) -> csr_array[Any]:
-        """A = K^1/2 C M^-1/2, and below it (f/r)^1/2 B of static forces where these act, (rows, size), rad/s."""
+        """A = K^1/2 C M^-1/2, and below it (|f|/r)^1/2 B of static forces where these act, (rows, size), rad/s."""
         return self._make_matrix(*self._weighed_rows)
 
     @cached_property
@@ -181,20 +182,25 @@ class WaveOperator(LinearOperator):
     @cached_property
     def _weighed_rows(self) -> tuple[list[Row], list[Array]]:
         """The rows of :attr:`full_root`, and what each is multiplied by."""
-        network, rows = self.network, self.rows
-        # balls that move along a line alone have no displacements across contacts
-        static = push_rows(network.normal[:, : network.dimension], self.motions) if network.prestress else []
-        pressed = np.sqrt(network.normal_force / network.distance) if static else None
-        return rows + static, [np.sqrt(row.stiffness) for row in rows] + [pressed] * len(static)
+        network, static = self.network, self._static_rows
+        pressed = np.sqrt(np.abs(network.normal_force) / network.distance) if static else None
+        return self.rows + static, [np.sqrt(row.stiffness) for row in self.rows] + [pressed] * len(static)
+
+    @cached_property
+    def _static_rows(self) -> list[Row]:
+        """Displacements across contacts on which static forces act: none of balls that move along a line alone."""
+        network = self.network
+        return push_rows(network.normal[:, : network.dimension], self.motions) if network.prestress else []
 
     def of_rows(self, weights: Array | None = None) -> Array:
-        """Return the weights (rows,) of the rows of :attr:`full_root` in D, where static forces have -1.
+        """Return the weights (rows,) of the rows of :attr:`full_root` in D.
 
-        Given ``weights`` (2, n_c) of elongation, and of other deformations of contacts, return these, where they have 0.
+        Static forces have -1 where they press, and 1 where they pull, as tension holds contacts straight. Given ``weights``
+        (2, n_c) of elongation, and of other deformations of contacts, return these, where static forces have 0.
         """
-        static = self.network.n_contacts * (len(self._weighed_rows[0]) - len(self.rows))
         springs = np.ones((2, self.network.n_contacts)) if weights is None else weights
-        return np.concatenate([*weigh_rows(self.rows, springs), np.full(static, -1.0 if weights is None else 0.0)])
+        static = -np.sign(self.network.normal_force) if weights is None else np.zeros(self.network.n_contacts)
+        return np.concatenate([*weigh_rows(self.rows, springs), *[static] * len(self._static_rows)])
 
     def weigh(self, weights: Array | None = None, phase: Any = None) -> csr_array[Any]:
         """Return A^H W A, (size, size), (rad/s)^2, with ``weights`` as for :meth:`of_rows`; without any, D.
@@ -273,13 +279,14 @@ class WaveOperator(LinearOperator):
 
     @cached_property
     def _blocks(self) -> Array:
-        """(n_free, motions, motions) what springs make of D for each ball that moves alone, (rad/s)^2."""
+        """(n_free, motions, motions) what springs, and tension, make of D for each ball that moves alone, (rad/s)^2."""
         network, m = self.network, self.motions.count
         own = np.zeros((m, m, network.n_balls))
-        for row in self.rows:
+        tension = np.maximum(-network.normal_force, 0.0) / network.distance
+        for row, stiffness in [(row, row.stiffness) for row in self.rows] + [(row, tension) for row in self._static_rows]:
             for ball, part in ((network.j, row.head), (network.i, row.tail)):
                 for a, b in np.ndindex(m, m):
-                    if np.any(weights := row.stiffness * part[:, a] * part[:, b]):
+                    if np.any(weights := stiffness * part[:, a] * part[:, b]):
                         own[a, b] += np.bincount(ball, weights, network.n_balls)
         return np.asarray(own[:, :, self.balls].transpose(2, 0, 1) / network.masses[self.balls, None, None])
 
@@ -287,8 +294,8 @@ class WaveOperator(LinearOperator):
     def top(self) -> float:
         """A bound of all angular frequencies, rad/s: 2^1/2 times the highest at which a ball moves alone, and a margin.
 
-        The energy of a contact is at most twice what it would be if its two balls moved one at a time. Normal forces lower
-        D, and tangential ones add at most the largest sum of a row.
+        The energy of a contact is at most twice what it would be if its two balls moved one at a time. Contacts that are
+        pressed lower D, and tangential forces add at most the largest sum of a row.
         """
         most = 2.0 * float(np.max(np.linalg.eigvalsh(self._blocks)))
         if self._carried is not None:

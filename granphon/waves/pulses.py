@@ -26,6 +26,7 @@ from granphon.base.scales import write_quantity
 from granphon.base.text import counted
 from granphon.base.validation import finite_array, index_array, not_negative, one_of, positive, real_array
 from granphon.dynamics.damping import ContactDamping
+from granphon.dynamics.linalg import lanczos_converges
 from granphon.networks.network import ContactNetwork, number_pieces
 from granphon.waves.modes import require_stable
 from granphon.waves.operator import WaveOperator, make_operator
@@ -814,7 +815,8 @@ def transmit(network: ContactNetwork, wanted: PulseSource, operator: WaveOperato
     if squared > _SURE * operator.top**2 or operator.network.prestress:
         if operator.size > 2:
             begin = np.random.default_rng(0).normal(size=operator.size)
-            (top,) = eigsh(operator, k=1, which="LA", v0=begin, tol=1e-6, return_eigenvectors=False)
+            with lanczos_converges():
+                (top,) = eigsh(operator, k=1, which="LA", v0=begin, tol=1e-6, return_eigenvectors=False)
         else:
             top = np.max(np.linalg.eigvalsh(operator @ np.eye(operator.size)))
         if squared > top * (1.0 + 1e-6):

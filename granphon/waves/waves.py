@@ -212,13 +212,17 @@ class Waves:
         count, nearest : number of modes, and the frequency, Hz, to which their real parts are nearest; None for the lowest.
         damping, loss_factor : of the contacts, s and a number, as for :meth:`response`.
 
-        Where all contacts are damped alike they are those of :meth:`modes`, the nearest without losses. Else all are found
-        up to 300 motions of all balls; larger networks are factorised once, up to 300,000 motions in the plane and 12,000 in
-        space.
+        Modes that creep have a real part of zero: they are the lowest, and the slowest of them is the first.
 
-        Raises :class:`~granphon.base.errors.InputError` for a damping below zero, for more modes than there are, and for a
-        larger network that is damped unevenly; :class:`~granphon.base.errors.PrecisionError` for dashpots that differ and
-        are far stiffer than springs; and what :meth:`modes` raises.
+        Where all contacts are damped alike they are those of :meth:`modes`, the nearest without losses. Else all are found
+        up to 300 motions that contacts resist; larger networks are factorised, up to 300,000 motions in the plane and 12,000
+        in space, and their modes are those of the nearest complex frequencies: modes that creep faster than others swing are
+        not among the lowest then.
+
+        Raises :class:`~granphon.base.errors.InputError` for a damping below zero, for more modes than there are, or than are
+        found in a large network, and for a larger network that is damped unevenly;
+        :class:`~granphon.base.errors.PrecisionError` for dashpots that differ and are far stiffer than springs;
+        :class:`~granphon.base.errors.ConvergenceError` if the iteration does not end; and what :meth:`modes` raises.
         """
         return find_damped(self._stable_operator, count, nearest, damping, loss_factor)
 

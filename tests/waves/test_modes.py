@@ -227,6 +227,27 @@ def test_static_forces_lower_frequencies(method):
     assert modes.frequencies[0] < gp.Waves(network).modes(1).frequencies[0]
 
 
+@pytest.mark.parametrize("friction", [True, False])
+def test_tension_raises_frequencies(method, friction):
+    """Spectra of rubber balls that adhere and are pulled apart are the bands of the crystal, and below the bound of all."""
+    rubber, cells = gp.Ball(gp.Material(5e6, 0.49, 1100.0), 2e-3), np.arange(4) / 4
+    state = gp.Crystal.on("fcc", [rubber], law=gp.JKR(0.1), friction=friction).at_pressure(-20.0, finite_overlap=True)
+    assert np.all(state.normal_force < 0.0)
+    q = np.stack(np.meshgrid(cells, cells, cells), axis=-1).reshape(-1, 3)
+    bands = np.sort(gp.Phonons(state).frequencies(q).ravel())
+    waves = gp.Waves(state.network.repeat((4, 4, 4)))
+    for target in (0.0, bands[-1]):
+        modes = waves.modes(6, target)
+        np.testing.assert_allclose(
+            np.sort(np.abs(modes.frequencies - target)), nearest(bands, 6, target), atol=1e-8 * bands[-1]
+        )
+    assert waves.modes(1).zero_modes == np.sum(bands < 1e-6 * bands[-1])
+    assert waves.operator.top > 2.0 * np.pi * bands[-1]
+    density = waves.dos(moments=512)
+    mean = np.trapezoid(density.frequencies * density.total, density.frequencies)
+    assert mean == pytest.approx(np.sum(bands) / 64, rel=1e-4)
+
+
 # -- networks too large to be factorised ------------------------------------------------------------------------------
 
 
