@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 from granphon.balls.diameters import Discrete, Measured, Normal, Uniform, given_spread
-from granphon.balls.material import LEAST_YOUNG_MODULUS, Material
+from granphon.balls.material import LEAST_DENSITY, LEAST_YOUNG_MODULUS, Material
 from granphon.base.errors import InputError
 from granphon.base.validation import is_one_of, label, positive, require
 
@@ -19,7 +19,7 @@ WRONG_UNIT = "the unit is probably wrong, SI units are expected"
 #: least value
 BALL_LIMITS = {
     "young_modulus": ("material.young_modulus", "Young modulus", "Pa", LEAST_YOUNG_MODULUS, True),
-    "density": ("material.density", "density", "kg/m^3", 1.0, True),
+    "density": ("material.density", "density", "kg/m^3", LEAST_DENSITY, True),
     "high_density": ("material.density", "density", "kg/m^3", 3e4, False),
     "diameter": ("diameter", "diameter", "m", 1e-8, True),
     "large_diameter": ("diameter", "diameter", "m", 1.0, False),

@@ -15,6 +15,9 @@ from granphon.base.validation import positive, real_number, require
 
 #: Young's modulus, Pa, below that of any solid that keeps its shape; a smaller one was probably given in a wrong unit
 LEAST_YOUNG_MODULUS = 1e3
+#: density, kg/m^3, below that of balls that are not foam, and about the largest of a solid in g/cm^3 (osmium, 22.6), in
+#: which a smaller one was probably given
+LEAST_DENSITY = 20.0
 #: mean pressure of a contact over the yield strength from which on it yields: 1.6 of the largest, 2/3 of which is the mean
 ONSET_OF_YIELD = 1.07
 #: omega R / v_T of the torsional mode of order two of a free sphere: the least positive root of x j_2'(x) = j_2(x)

@@ -147,7 +147,7 @@ class InconsistencyWarning(UserWarning):
 
 
 class StoppedEarlyWarning(UserWarning):
-    """A run ends before its time; what it has found so far is kept. ``interrupted``: by Ctrl-C."""
+    """A run ends before its time, or has left a file that ends so; what it has found is kept. ``interrupted``: by Ctrl-C."""
 
     interrupted = False
 

@@ -157,6 +157,10 @@ class Quantity:
         except ValueError:
             return False
 
+    def factor(self, unit: str) -> float:
+        """Return what one ``unit`` is in the SI unit; ValueError if it is not one of this kind of quantity."""
+        return float(_find_factor(self, unit))
+
     def write(self, value: float) -> str:
         """The text of an SI value; :meth:`read` returns the same value from it, to the last bit."""
         return f"{value!r} {self.unit}"

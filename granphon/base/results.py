@@ -13,7 +13,7 @@ from typing import Annotated, Any, ClassVar, Self, Union, cast, get_args, get_or
 import numpy as np
 
 from granphon.base.errors import GranphonError, InputError, brief
-from granphon.base.text import damage_error, digest, require_schema, show
+from granphon.base.text import damage_error, digest, list_names, require_schema, show
 
 #: most letters of a value, and most entries of an array or a tuple that are all written out
 _MOST_LETTERS, _MOST_ENTRIES = 160, 6
@@ -339,7 +339,7 @@ def restore(value: Any, hint: Any, name: str = "the data") -> Any:
             if missing := [name for name in known if name not in value]:
                 raise InputError(f"{what} lack {', '.join(missing)}")
             if unknown := [show(name) for name in value if name not in (*known, "class")]:
-                raise InputError(f"{what} have {', '.join(unknown)}, which the class does not have")
+                raise InputError(f"{what} have {list_names(unknown)}, which the class does not have")
             given = {name: restore(value[name], hints[name], f"{wanted}.{name}") for name in known}
             try:
                 made = build._of_fields(*given.values()) if issubclass(build, Result) else build(**given)

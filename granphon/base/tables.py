@@ -16,6 +16,7 @@ import os
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from io import StringIO
 from typing import Any, Self, TextIO
 
@@ -24,7 +25,7 @@ from numpy.typing import NDArray
 
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import NUMBER, Quantity
-from granphon.base.text import closest, counted, decode, read_bytes
+from granphon.base.text import closest, counted, decode, list_names, read_bytes
 
 _POINT = "Write decimals with a point"
 #: longest cell that csv reads, in characters
@@ -133,7 +134,7 @@ class Table:
             mend = f"Did you mean {meant!r}? {mend}" if meant and not places else mend
             one = f"one column, which must be headed '{wanted.name} ({kind.unit})'"
             several = f"{len(names)} columns, of which one must be headed '{wanted.name} ({kind.unit})'"
-            why = f"Its columns are {', '.join(map(repr, names))}" if self.quoted else ""
+            why = f"Its columns are {list_names(map(repr, names))}" if self.quoted else ""
             raise InputError(what, why or f"It has {one if len(names) == 1 else several}", mend)
         if not self.lines:
             raise InputError(f"{self.name} has no rows below its headings", mend="Write numbers there")
@@ -186,9 +187,14 @@ class Table:
         """
         return Heading.parse(name).unit or next((self.headings[place].unit for place in self._find_places(name)), "")
 
+    @cached_property
+    def keys(self) -> tuple[str, ...]:
+        """The names of the columns in the form in which they are compared."""
+        return tuple(heading.key for heading in self.headings)
+
     def _find_places(self, name: str) -> list[int]:
         wanted = Heading.parse(name).key
-        return [place for place, heading in enumerate(self.headings) if heading.key == wanted]
+        return [place for place, key in enumerate(self.keys) if key == wanted]
 
 
 def plain_float(cell: str) -> float:

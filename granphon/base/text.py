@@ -45,6 +45,8 @@ MOST_SCENE_BYTES = 100_000
 MAX_DEPTH = 12
 #: what is found and allowed where the nesting is deeper
 _TOO_DEEP = f"found more than {MAX_DEPTH} levels of nesting", "plain data"
+#: longest name in a list of names of a message, in letters
+_LONGEST_NAME = 60
 #: the most digits of a whole number: as many as Python converts whatever its own limit is, and more than a float has
 _MOST_DIGITS = 640
 
@@ -437,6 +439,14 @@ def spell(name: str) -> str:
 def counted(number: int, one: str, many: str = "") -> str:
     """A number of things in words: "1 ball", "2 balls"; ``many`` is the plural if it is more than an s."""
     return f"{number} {one if number == 1 else many or one + 's'}"
+
+
+def list_names(names: Iterable[object], most: int = 10) -> str:
+    """Names from a file as a message lists them: the first of them, and how many more there are; "none" if there are none."""
+    every = [str(name) for name in names]
+    shown = [name if len(name) <= _LONGEST_NAME else name[: _LONGEST_NAME - 3] + "..." for name in every[:most]]
+    more = f" and {len(every) - most} more" if len(every) > most else ""
+    return ", ".join(shown) + more or "none"
 
 
 # -- digests ----------------------------------------------------------------------------------------------------------

@@ -15,7 +15,7 @@ from granphon.base.errors import InputError
 from granphon.base.quantities import FREQUENCY, LENGTH, LIGHT_VELOCITY, LOADS, TIME, Quantity, load_quantities
 from granphon.base.results import Result
 from granphon.base.tables import Table
-from granphon.base.text import suggest
+from granphon.base.text import list_names, suggest
 from granphon.base.validation import finite_list, positive
 
 #: quantities in measurements, read with any of their units: velocity, m/s; frequency, Hz; time of flight, s
@@ -170,7 +170,7 @@ class Measurements(Result):
                 " instead of a velocity 'time (s)' and 'distance (m)', or 'cutoff (Hz)'. For other names, granphon fit takes"
                 f" --column '{first}=NAME ({unit})', Python columns={{'{first}': 'NAME ({unit})'}}"
             )
-            why = f"Its columns are {', '.join(repr(str(heading)) for heading in table.headings)}"
+            why = f"Its columns are {list_names(repr(str(heading)) for heading in table.headings)}"
             raise InputError(f"{table.name} has {', and '.join(lacks)}", why, mend)
         converted = {"side_force": frame, "pressure": pressed}.get(load or "force")
         force = read(load or "force")

@@ -24,7 +24,7 @@ from granphon.base.errors import InputError
 from granphon.base.quantities import FREQUENCY, Quantity
 from granphon.base.results import Result
 from granphon.base.tables import Table
-from granphon.base.text import suggest
+from granphon.base.text import list_names, suggest
 from granphon.base.validation import finite_list, texts
 from granphon.dynamics.damping import ContactDamping
 from granphon.fits.fit import LARGE_ERROR, SAME_EFFECT, Fitted, WidthFit, judge_residuals
@@ -114,7 +114,7 @@ class TransferFunction(Result):
         for kind in _COLUMNS[:2]:
             if heads[kind] not in table:
                 what = f"{table.name} has no column named {heads[kind]!r}"
-                why = f"Its columns are {', '.join(repr(str(heading)) for heading in table.headings)}"
+                why = f"Its columns are {list_names(repr(str(heading)) for heading in table.headings)}"
                 mend = f"Head it '{kind}', or name it: --column '{kind}=NAME', columns={{'{kind}': 'NAME'}}"
                 raise InputError(what, why, mend)
 

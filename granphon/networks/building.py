@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from granphon.balls.ball import Ball
+from granphon.balls.ball import BALL_LIMITS, WRONG_UNIT, Ball
 from granphon.balls.contact_model import ContactModel
 from granphon.balls.hertz import HertzLaw, harmonic_diameter
 from granphon.balls.material import Material
@@ -39,6 +41,17 @@ _MOST_FACTOR = 10.0
 _LEAST_COMPARED = 1e-3
 #: least and greatest number of significant digits with which a program writes numbers
 _DIGITS = (6, 15)
+#: number of different values of fewer digits from which on they are rounded, not chosen
+_CHOSEN = 100
+#: greatest relative error of a number that is read from a text and converted into SI
+_EXACT = 1e-14
+#: standard error of the forces that follow from overlaps, over the forces, above which it is told, and they are refused.
+#: Frequencies have a sixth of it: they are then off by 0.1 %, and by 1 %, as far as elastic constants are known
+_TOLD_ERROR, _MOST_ERROR = 6e-3, 6e-2
+#: least difference of a ratio from one that is told: of all forces to those of Hertz's law, of masses to those of the density
+_OTHER = 0.05
+#: greatest scatter of a ratio that is the same for all contacts: the rounding in a file, and how far balls are from rest
+_SAME = 1e-4
 #: the largest file of balls or contacts that is read, bytes: that of some millions of contacts
 MOST_BYTES = 4_000_000_000
 
@@ -47,8 +60,9 @@ MOST_BYTES = 4_000_000_000
 class Balls:
     """What a source says of its balls, in SI; None where it says nothing.
 
-    ``name`` is what messages call the source. Positions are (n, 1), (n, 2) or (n, 3); the rest is (n,). ``rounding`` is the
-    error that the digits of the source leave in an overlap, m; None if overlaps need not be those of the forces.
+    ``name`` is what messages call the source. Positions are (n, 1), (n, 2) or (n, 3); the rest is (n,). ``rounding`` and
+    ``radius_rounding`` are the greatest errors that the digits of the source leave in positions and radii, of their shapes, m.
+    ``compared`` says whether forces that are given are those of the overlaps.
     """
 
     name: str
@@ -57,8 +71,20 @@ class Balls:
     masses: Array | None = None
     inertias: Array | None = None
     labels: Index | None = None
-    rounding: float | None = None
+    rounding: Array | None = None
+    radius_rounding: Array | None = None
+    compared: bool = False
     kinds: tuple[str, ...] | None = None
+
+    def find_errors(self, i: Index, j: Index, normal: Array) -> tuple[Array, Array]:
+        """Return the greatest and the standard error that rounding leaves in the overlaps of balls i and j, (n_c,), m."""
+        width = self.positions.shape[1]
+        places = np.zeros_like(self.positions) if self.rounding is None else self.rounding
+        radii = np.zeros_like(self.radii) if self.radius_rounding is None else self.radius_rounding
+        along = np.abs(normal[:, :width])
+        greatest = np.einsum("ca,ca->c", along, places[i] + places[j]) + radii[i] + radii[j]
+        squares = np.einsum("ca,ca->c", along**2, places[i] ** 2 + places[j] ** 2) + radii[i] ** 2 + radii[j] ** 2
+        return greatest, np.sqrt(squares / 3.0)  # a rounded number is off by as much as by less: a third of the square
 
 
 @dataclass(frozen=True)
@@ -150,16 +176,19 @@ class Source:
         width, positions = balls.positions.shape[1], np.zeros((len(balls.positions), 3))
         positions[:, :width] = balls.positions
         if dimension is None:
-            level = width == 3 and len(positions) and np.ptp(positions[:, 2]) <= _LEVEL * np.max(balls.radii)
-            dimension = 2 if level else width
+            dimension = 2 if width == 3 and self._is_level() else width
         dimension = whole_number("dimension", dimension, 1, 3)
         cell, pbc = self.cell, self.pbc & (np.arange(3) < dimension)
         masses = balls.masses
+        if material is not None:
+            self._judge_material(material)
         if masses is None:
             if material is None:
                 mend = "Give the masses, or the material of the balls"
                 raise InputError(f"{balls.name} has no column 'mass', and no material is given", mend=mend)
             masses = material.density * (4.0 / 3.0 * math.pi) * balls.radii**3
+        elif material is not None:
+            self._compare_masses(material)
         inertias = 0.4 * masses * balls.radii**2 if balls.inertias is None else balls.inertias
         # the indices of the balls that contacts name
         count = len(balls.positions)
@@ -191,8 +220,12 @@ class Source:
             if contacts.vector is not None:
                 shift[:, axes] = _round_steps((contacts.vector - apart) @ across)
                 off = np.linalg.norm(apart + shift @ cell - contacts.vector, axis=1) > _ROUNDED * touch
-                why = "Its vector does not lead from one to the other in this cell"
-                contacts.refuse(off & ~still, "is not where its balls are", why, "Are both files of one time step?")
+                why, mend = "Its vector does not lead from one to the other in this cell", "Are both files of one time step?"
+                turned = apart + contacts.vector
+                turned[:, :] -= _round_steps(turned @ across) @ periods
+                if np.all(np.linalg.norm(turned, axis=1)[~still] <= _ROUNDED * touch[~still]):
+                    mend = "Turn the signs: the vector of a dump (dx, dy, dz) leads from ball j to ball i"
+                contacts.refuse(off & ~still, "is not where its balls are", why, mend)
             elif axes.size:
                 nearest = -_round_steps(apart @ across)
                 steps = np.stack(np.meshgrid(*[[-1, 0, 1]] * axes.size, indexing="ij"), axis=-1).reshape(-1, axes.size)
@@ -238,18 +271,13 @@ class Source:
             between = np.where(flat, 4.0 * small, harmonic_diameter(2.0 * small, np.where(flat, small, large) * 2.0))
             coefficient = HertzLaw.between(material, 1.0).coefficient * np.sqrt(between)
             unit = HertzLaw(1.0)  # Hertz's law is proportional to its coefficient
+            by_overlap = partial(_force_of_overlap, coefficient, overlap)
             if force is None:
                 contacts.refuse(still, "is with a body that does not move, and has no force", mend="Give normal_force")
-                force = coefficient * unit.force(overlap)
-            elif stiffness is None and balls.rounding is not None:
-                least, made, most = (coefficient * unit.force(overlap + by) for by in (-balls.rounding, 0.0, balls.rounding))
-                odd = (force / _MOST_FACTOR > most) | (force < least / _MOST_FACTOR)
-                odd &= ~still & (np.maximum(force, least) > _LEAST_COMPARED * np.sum(force / force.size))
-                if np.any(odd):
-                    given, overlapping = _first(force, odd), _first(made, odd)
-                    wrong = f"has the force {given:.6g} N, and the overlap of its balls makes {overlapping:.6g} N"
-                    mend = "Compare units, material and columns. If the law is not Hertz's, give the stiffnesses"
-                    warnings.warn(message(contacts.describe(odd, wrong), mend=mend), InconsistencyWarning, stacklevel=3)
+                force = by_overlap()
+                _judge_errors(contacts, balls, by_overlap, balls.find_errors(i, j, normal)[1])
+            elif stiffness is None and balls.compared:
+                _compare_forces(contacts, np.where(still, np.nan, force), by_overlap, balls.find_errors(i, j, normal)[0])
             if stiffness is None:
                 stiffness = coefficient * unit.stiffness(unit.overlap(force / coefficient))
         if shear is None:
@@ -285,6 +313,87 @@ class Source:
             "kinds": balls.kinds, "adhesive": self.adhesive, "contact_model": model,
         }  # fmt: skip
 
+    def _is_level(self) -> bool:
+        """Whether all balls are at one height z, and no contact leads up or down. A flat wall may have any place."""
+        balls, normal = self.balls, self.contacts.normal
+        solid = np.isfinite(balls.radii)
+        heights = balls.positions[solid, 2]
+        level = heights.size > 0 and np.ptp(heights) <= _LEVEL * np.max(balls.radii[solid])
+        return bool(level and (normal is None or np.all(np.abs(normal[:, 2]) <= _LEVEL)))
+
+    def _judge_material(self, material: Material) -> None:
+        """Warn of a density or a Young modulus that was probably given in another unit, where the network depends on it."""
+        for attribute, name, unit, limit, at_least in BALL_LIMITS.values():
+            used = attribute != "material.density" or self.balls.masses is None
+            if not attribute.startswith("material.") or not used:
+                continue
+            value = float(getattr(material, attribute.removeprefix("material.")))
+            if value < limit if at_least else value > limit:
+                what = f"the {name} of the material is {value:g} {unit}, {'below' if at_least else 'above'} {limit:g} {unit}"
+                warnings.warn(message(what, WRONG_UNIT.capitalize()), InconsistencyWarning, stacklevel=4)
+
+    def _compare_masses(self, material: Material) -> None:
+        """Warn if the masses that are given are not those of solid balls of the material."""
+        balls = self.balls
+        assert balls.masses is not None
+        moving = np.isfinite(balls.masses) & np.isfinite(balls.radii)
+        if not np.any(moving):
+            return
+        solid = material.density * (4.0 / 3.0 * math.pi) * balls.radii[moving] ** 3
+        ratio = float(np.median(balls.masses[moving] / solid))
+        if abs(ratio - 1.0) > _OTHER:
+            what = f"{balls.name}: the masses are {ratio:.4g} times those of solid balls of {material.density:g} kg/m3"
+            why = "The masses count, and the density of the material does not"
+            mend = "Compare units and material. If balls are not solid, give the density of mass over volume"
+            warnings.warn(message(what, why, mend), InconsistencyWarning, stacklevel=4)
+
+
+def _force_of_overlap(coefficient: Array, overlap: Array, off: Array | float = 0.0) -> Array:
+    """Return the forces (n_c,) of Hertz's law at overlaps that are off by so much, m."""
+    return coefficient * HertzLaw(1.0).force(overlap + off)
+
+
+def _judge_errors(contacts: Contacts, balls: Balls, by_overlap: Callable[..., Array], error: Array) -> None:
+    """Refuse forces that follow from overlaps with too few digits, or warn of them; ``error`` is that of each overlap, m."""
+    spread, total = float(np.sum(by_overlap(error) - by_overlap(-error))) / 2.0, float(np.sum(by_overlap()))
+    part = spread / total if spread < total else 1.0
+    if part <= _TOLD_ERROR:
+        return
+    what = (
+        f"{contacts.name} has no forces, and those of the overlaps are off by {part:.{0 if part > 0.1 else 1}%}, as the places of"
+        f" {balls.name} are rounded to {float(np.max(error)):.2g} m"
+    )
+    mend = "Write places with more digits (in LAMMPS: dump_modify 1 format float %.16g), or give the forces"
+    if part > _MOST_ERROR:
+        raise InputError(what, "An overlap is a small difference of places", mend)
+    warnings.warn(message(what, mend=mend), InconsistencyWarning, stacklevel=4)
+
+
+def _compare_forces(contacts: Contacts, force: Array, by_overlap: Callable[..., Array], error: Array) -> None:
+    """Warn if forces are not those of Hertz's law at the overlaps, whose greatest ``error`` is known, m.
+
+    A force of nan is not compared.
+    """
+    least, made, most = (by_overlap(off) for off in (-error, 0.0, error))
+    odd = (force / _MOST_FACTOR > most) | (force < least / _MOST_FACTOR)
+    odd &= np.maximum(force, least) > _LEAST_COMPARED * np.nansum(force / force.size)
+    if np.any(odd):
+        wrong = f"has the force {_first(force, odd):.6g} N, and the overlap of its balls makes {_first(made, odd):.6g} N"
+        mend = "Compare units, material and columns. If the law is not Hertz's, give the stiffnesses"
+        warnings.warn(message(contacts.describe(odd, wrong), mend=mend), InconsistencyWarning, stacklevel=4)
+        return
+    strong = (made > 0.0) & (force >= np.nansum(force / force.size))
+    if not np.any(strong):
+        return
+    ratio = force[strong] / made[strong]
+    factor = float(np.median(ratio))
+    scatter = float(np.median(np.abs(ratio / factor - 1.0)))
+    rounding = float(np.median((most - least)[strong] / (2.0 * made[strong])))
+    if scatter <= _SAME + rounding and abs(factor - 1.0) > _OTHER + rounding:
+        what = f"{contacts.name}: all forces are {factor:.4g} times those of Hertz's law at the overlaps"
+        mend = "Compare units and Young's modulus. If the law is not Hertz's, give the stiffnesses"
+        warnings.warn(message(what, "The material or the law is another one", mend), InconsistencyWarning, stacklevel=4)
+
 
 def read_whole_numbers(name: str, values: Any) -> Index:
     """Return ``values`` as an array of whole numbers; floats are taken if they are whole.
@@ -301,18 +410,38 @@ def read_whole_numbers(name: str, values: Any) -> Index:
     return np.asarray(given, np.intp)
 
 
-def find_rounding(values: Array) -> float:
-    """Return the error of a distance between two points whose coordinates have the significant digits of ``values``."""
-    finite = values[np.isfinite(values) & (values != 0.0)]
-    if not finite.size:
-        return 0.0
-    for digits in range(_DIGITS[0], _DIGITS[1] + 1):
-        with np.errstate(all="ignore"):
-            power = 10.0 ** (digits - 1 - np.floor(np.log10(np.abs(finite))))
-            if np.allclose(np.rint(finite * power) / power, finite, rtol=1e-14, atol=0.0):
-                break
-    # half a unit of the last digit is up to 5 10^-digits of a number; a distance has that of six coordinates
-    return 20.0 * float(np.max(np.abs(finite))) * 10.0**-digits
+def find_rounding(values: Array) -> Array:
+    """Return half a unit of the last digit of each of ``values``, of one source: their greatest errors, of the same shape.
+
+    How many digits the source writes follows from all of its numbers. Where all are whole multiples of the last digit of
+    the largest, it writes as many decimals of each. Numbers that single precision holds have its digits. A few numbers of
+    fewer digits than a program writes were chosen so, and have no error.
+    """
+    size = np.abs(values)
+    with np.errstate(over="ignore"):
+        single = values.astype(np.float32)
+    known = (size < LARGEST) & (size > 1.0 / LARGEST)  # others are refused, or play no part
+    digits = _count_digits(size[known])
+    if digits < _DIGITS[0] and np.unique(size[known]).size < _CHOSEN:
+        return np.zeros(values.shape)
+    if digits >= _DIGITS[0] and np.array_equal(single[known], values[known]):
+        return np.where(known, 0.5 * np.spacing(np.where(known, np.abs(single), np.float32(1.0))), 0.0)
+    last = 10.0 ** (np.floor(np.log10(np.where(known, size, 1.0))) - digits + 1.0)
+    coarsest = float(np.max(last[known]))
+    steps = size[known] / coarsest
+    if np.allclose(steps, np.rint(steps), rtol=_EXACT, atol=0.0):
+        last = np.full(values.shape, coarsest)
+    return np.where(known, 0.5 * last, 0.0)
+
+
+def _count_digits(sizes: Array) -> int:
+    """Return the number of significant digits that all of ``sizes``, above zero, do with; that of floats at most."""
+    leading = sizes / 10.0 ** np.floor(np.log10(sizes))
+    for digits in range(1, _DIGITS[1]):
+        power = 10.0 ** (digits - 1)
+        if np.allclose(np.rint(leading * power) / power, leading, rtol=_EXACT, atol=0.0):
+            return digits
+    return _DIGITS[1]
 
 
 def _first(values: Array, bad: Flags) -> float:

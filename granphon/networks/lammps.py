@@ -5,16 +5,17 @@ from __future__ import annotations
 import math
 import os
 import re
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from granphon.base.arrays import Array, Index
-from granphon.base.errors import InputError, brief
+from granphon.base.errors import InputError, StoppedEarlyWarning, brief, message
 from granphon.base.scales import Units
 from granphon.base.tables import plain_float
-from granphon.base.text import decode, read_bytes
+from granphon.base.text import decode, list_names, read_bytes
 from granphon.base.validation import choice, not_negative, positive, require
 from granphon.networks.building import MOST_BYTES, Balls, Contacts, Source, find_rounding, read_whole_numbers
 
@@ -82,13 +83,13 @@ def read_dumps(
         listed: object = columns.split() if isinstance(columns, str) else columns
         touching_names = tuple(listed) if isinstance(listed, Sequence) else ()
         if not all(isinstance(name, str) for name in touching_names) or len(touching_names) != len(touching.names):
-            there = f"{touching.name} has {len(touching.names)}: {', '.join(touching.names)}"
+            there = f"{touching.name} has {len(touching.names)}: {list_names(touching.names)}"
             mend = f"Give a name for each; those that count are {', '.join(_NAMES)}"
             raise InputError(f"columns are {brief(columns)}, and {there}", mend=mend)
         touching.names = touching_names
     if missing := [name for name in ("i", "j") if name not in touching.names]:
         what = f"{pairs} has no column {' and no column '.join(missing)}"
-        raise InputError(what, f"Its columns are {', '.join(touching.names)}", _NAME_PAIRS)
+        raise InputError(what, f"Its columns are {list_names(touching.names)}", _NAME_PAIRS)
 
     # LAMMPS gives the vector from j to i, and the force on i
     def vectors(scale: float, *names: str) -> Array | None:
@@ -105,12 +106,13 @@ def read_dumps(
         normal_stiffness=springs("normal_stiffness", normal_stiffness, positive),
         shear_stiffness=springs("shear_stiffness", shear_stiffness, not_negative),
     )  # fmt: skip
-    listed = f"Its columns are {', '.join(atoms.names)}"
+    listed = f"Its columns are {list_names(atoms.names)}"
     for ends, scaled in (("", False), ("u", False), ("s", True), ("su", True)):
         names = [f"{axis}{ends}" for axis in "xyz"]
         if set(names) <= set(atoms.names):
             places = np.stack([atoms.read(name) for name in names], axis=1)
-            rounding = find_rounding(places) * (float(np.max(np.abs(atoms.cell))) if scaled else 1.0)
+            rounding = find_rounding(places)
+            rounding = rounding @ np.abs(atoms.cell) if scaled else rounding
             places = places @ atoms.cell if scaled else places - atoms.origin
             break
     else:
@@ -124,7 +126,8 @@ def read_dumps(
     kinds = tuple(cells[int(place)] for _, text in atoms.rows if len(cells := text.split()) > place)
     balls = Balls(
         atoms.name, length * (places + atoms.origin), length * radii, masses, labels=_read_ids(atoms, "id"),
-        rounding=length * (rounding + find_rounding(radii)), kinds=kinds if len(set(kinds)) > 1 else None,
+        rounding=length * rounding, radius_rounding=length * find_rounding(radii), compared=True,
+        kinds=kinds if len(set(kinds)) > 1 else None,
     )  # fmt: skip
     return Source(balls, contacts, length * atoms.cell, np.asarray(atoms.pbc, bool))
 
@@ -140,14 +143,30 @@ def _read_ids(frame: _Frame, column: str) -> Index:
 
 
 def _read_frame(path: str | os.PathLike[str], step: int | None, kind: str) -> _Frame:
-    """Read the frame at a time step, or the last one; ``kind`` is "ATOMS" or "ENTRIES", what is listed."""
-    every = _split_frames(str(path), read_bytes(path, MOST_BYTES), kind)
-    frames = [frame for frame in every if step is None or frame.step == step]
-    if not frames:
-        steps = sorted({frame.step for frame in _split_frames(str(path), read_bytes(path, MOST_BYTES), kind)})
+    """Read the frame at a time step, or the last one; ``kind`` is "ATOMS" or "ENTRIES", what is listed.
+
+    A program that is killed leaves its last frame cut: a frame before it that is asked for is read, with a warning.
+    """
+    found: _Frame | None = None
+    steps = list[int]()
+    try:
+        for frame in _split_frames(str(path), read_bytes(path, MOST_BYTES), kind):
+            steps.append(frame.step)
+            found = frame if step in (None, frame.step) else found
+    except InputError as cut:
+        if not steps:
+            raise
+        if step is None or found is None:
+            raise InputError(
+                str(cut), f"The last time step that can be read is {steps[-1]}", f"Give step={steps[-1]}"
+            ) from None
+        what = f"{path} is read at the time step {step}, and cannot be read to its end: {cut}"
+        warnings.warn(message(what), StoppedEarlyWarning, stacklevel=4)
+    if found is None:
+        steps = sorted({*steps})
         shown = f"{steps[0]} to {steps[-1]}, {len(steps)} in all" if steps[1:] else f"{steps[0]} alone" if steps else "none"
         raise InputError(f"{path} has no time step {brief(step)}", f"It has {shown}")
-    return frames[-1]
+    return found
 
 
 def _split_frames(name: str, raw: bytes, kind: str) -> Iterator[_Frame]:
@@ -155,7 +174,7 @@ def _split_frames(name: str, raw: bytes, kind: str) -> Iterator[_Frame]:
     lines = decode(name, raw).splitlines()
     n, units = 0, ""
     frame: _Frame | None = None
-    count = -1
+    count, begun = -1, False
     while n < len(lines):
         head = lines[n].strip()
         if not head:
@@ -169,6 +188,7 @@ def _split_frames(name: str, raw: bytes, kind: str) -> Iterator[_Frame]:
             units, n = lines[n].strip() if n < len(lines) else "", n + 1
         elif title == "TIMESTEP":
             frame, n = _Frame(name, _read_count(name, lines, n), units), n + 1
+            begun = True
         elif title.startswith("NUMBER OF"):
             count, n = _read_count(name, lines, n), n + 1
         elif title.startswith("BOX BOUNDS") and frame is not None:
@@ -187,11 +207,14 @@ def _split_frames(name: str, raw: bytes, kind: str) -> Iterator[_Frame]:
                 raise InputError(what, "The names of LAMMPS are of plain letters, digits and signs")
             frame.names, frame.rows = tuple(names), list(enumerate(lines[n : n + count], n + 1))
             n += count
+            begun = False
             yield frame
         else:  # such as TIME
             n += 1
     if frame is None:
         raise InputError(f"{name} has no time step", mend=_IS_DUMP)
+    if begun:
+        raise InputError(f"{name} ends before the {kind.lower()} of its time step {frame.step}", "The file is not whole")
 
 
 def _read_count(name: str, lines: list[str], n: int) -> int:

@@ -19,9 +19,9 @@ from granphon.base.quantities import LENGTH, LOADS, Quantity
 from granphon.base.results import plain, restore
 from granphon.base.staging import write_text
 from granphon.base.tables import Heading, Table, table_text
-from granphon.base.text import closest, decode, open_seal, read_bytes, require_path, seal, warn_unverified
+from granphon.base.text import closest, decode, list_names, open_seal, read_bytes, require_path, seal, warn_unverified
 from granphon.base.validation import real_array, require, truth
-from granphon.networks.building import MOST_BYTES, Balls, Contacts, Source, read_whole_numbers
+from granphon.networks.building import MOST_BYTES, Balls, Contacts, Source, find_rounding, read_whole_numbers
 
 _PLACE = replace(LENGTH, least="any")
 _FORCE = replace(LOADS["force"], least="zero or above")
@@ -83,10 +83,12 @@ class _Columns:
             there = list(arrays)
         keys = [Heading.parse(name).key for name in there]
         given = {Heading.parse(columns.get(name, name)).key for name in known}
+        lacking = [name for name in known if Heading.parse(name).key not in keys]
         for name, key in zip(there, keys, strict=True):  # an optional column with a misspelled name would be passed over
-            meant = closest(key, known)
-            if key not in given and key not in known and meant and len(key) > 2 and Heading.parse(meant).key not in keys:
-                raise InputError(f"{self.name} has a column {str(name)!r}", mend=f"Did you mean {meant!r}?")
+            strange = key not in given and key not in known and len(key) > 2
+            meant = closest(key, known) if strange and lacking else None
+            if meant in lacking:
+                raise InputError(f"{self.name} has a column {brief(str(name))}", mend=f"Did you mean {meant!r}?")
         self._headings = [str(heading) for heading in (table.headings if table is not None else there)]
         self._values: dict[str, Array] = {}
         self._units: dict[str, str] = {}
@@ -122,7 +124,7 @@ class _Columns:
         if missing := [name for name in names if name not in self]:
             what = f"{self.name} has no column {', '.join(map(repr, missing))}"
             mend = f"Name the column that is meant, as in columns={{{missing[0]!r}: 'NAME'}}"
-            raise InputError(what, f"Its columns are {', '.join(self._headings) or 'none'}", mend)
+            raise InputError(what, f"Its columns are {list_names(self._headings)}", mend)
 
     def read(self, name: str) -> Array:
         """The numbers of a column, (rows,)."""
@@ -154,12 +156,19 @@ class _Columns:
         found = np.stack([self.read(name) for name in there], axis=1)
         return np.pad(found, ((0, 0), (0, len(names) - len(there)))) if wide else found
 
+    def rounding(self, *names: str) -> Array:
+        """Half a unit of the last digit of each number in those of some columns that there are, of one unit: (rows, m), SI."""
+        there = [name for name in names if name in self]
+        kind, unit = BALLS[there[0]], self._units.get(there[0], "")
+        factor = kind.factor(unit) if kind is not None and unit else 1.0
+        return factor * find_rounding(np.stack([self.read(name) for name in there], axis=1) / factor)
+
 
 def _read_cells(table: Table, name: str, wanted: str, kind: Quantity | None) -> Array:
     """Return the numbers (rows,) of a column in SI; bodies that do not move may have "inf"."""
     if kind is None:
         if unit := table.unit(wanted):
-            raise InputError(f"{table.name}: the column {name!r} has the unit {unit!r}, and needs none")
+            raise InputError(f"{table.name}: the column {name!r} has the unit {brief(unit)}, and needs none")
         try:
             return table.numbers(wanted)
         except InputError as error:
@@ -215,9 +224,11 @@ def read_tables(balls: Any, contacts: Any, columns: Mapping[str, str], cell: Any
     positions = of_balls.vectors(*_AXES)
     assert positions is not None
     labels = of_balls.whole("id") if "id" in of_balls else None
+    sizes = of_balls.rounding("radius", "diameter")[:, 0] * (0.5 if "diameter" in of_balls else 1.0)
     found = Balls(
-        of_balls.name, positions, radii, of_balls.find("mass"), of_balls.find("inertia"), labels, kinds=of_balls.kinds
-    )
+        of_balls.name, positions, radii, of_balls.find("mass"), of_balls.find("inertia"), labels,
+        rounding=of_balls.rounding(*_AXES), radius_rounding=sizes, kinds=of_balls.kinds,
+    )  # fmt: skip
     of_contacts.require("i", "j")
     i, j = of_contacts.whole("i"), of_contacts.whole("j")
     steps = of_contacts.vectors("shift_1", "shift_2", "shift_3", wide=True)

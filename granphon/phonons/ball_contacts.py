@@ -28,6 +28,7 @@ from granphon.balls.contact_table import find_pairs
 from granphon.balls.material import Material
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InconsistencyWarning, InputError, brief
+from granphon.base.text import list_names
 from granphon.media.crystal_statics import Springs
 from granphon.networks.network import ContactNetwork
 from granphon.phonons.phonopy_atoms import choose_symbols
@@ -97,7 +98,7 @@ class BallContacts(ContactCalculator):
         """Return the kind of each ball, and their radii (n,), m."""
         kinds = [str(one) for one in atoms.arrays.get("kinds", atoms.get_chemical_symbols())]
         if missing := sorted(set(kinds) - set(self.balls)):
-            what = f"there is no ball for the kind {', '.join(missing)}"
+            what = f"there is no ball for the kind {list_names(missing)}"
             raise InputError(what, mend="Give one for each kind in the array 'kinds', or each symbol")
         radii = atoms.arrays.get("radius")
         if radii is None:
@@ -257,23 +258,23 @@ def read_granphon_tables(path: Any, contacts: Any = None, **options: Any) -> Ato
     """Read a table of balls and one of ``contacts`` as Atoms in the reduced units of their network, for :mod:`ase.io`.
 
     The table of contacts is by default beside that of balls, with "contacts" for "balls" in its name. ``options`` are those
-    of :meth:`ContactNetwork.from_table`, which also says what is raised.
+    of :meth:`ContactNetwork.from_table`, which also says what is raised; rattlers are kept.
     """
     found = _find_beside(path, contacts, {"balls": "contacts"})
-    return _write_atoms(ContactNetwork.from_table(path, found, **options))
+    return _write_atoms(ContactNetwork.from_table(path, found, **{"keep_rattlers": True, **options}))
 
 
 def read_granphon_lammps(path: Any, pairs: Any = None, **options: Any) -> Atoms:
     """Read a dump of atoms and one of ``pairs`` as Atoms in the reduced units of their network, for :mod:`ase.io`.
 
     The dump of pairs is by default beside that of atoms, with "pairs" for "atoms" in its name. ``options`` are those of
-    :meth:`ContactNetwork.from_lammps`, which also says what is raised. Without a material and stiffnesses the unit of
-    stiffness is 1 N/m.
+    :meth:`ContactNetwork.from_lammps`, which also says what is raised; rattlers are kept. Without a material and
+    stiffnesses the unit of stiffness is 1 N/m.
     """
     if not {"material", "normal_stiffness"} & set(options):
         options |= {"normal_stiffness": 1.0, "shear_stiffness": 0.0}
     found = _find_beside(path, pairs, {"atoms": "pairs"})
-    return _write_atoms(ContactNetwork.from_lammps(path, found, **options))
+    return _write_atoms(ContactNetwork.from_lammps(path, found, **{"keep_rattlers": True, **options}))
 
 
 def __getattr__(name: str) -> Any:

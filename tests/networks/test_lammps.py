@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import granphon as gp
-from granphon.base.errors import InconsistencyWarning
+from granphon.base.errors import InconsistencyWarning, StoppedEarlyWarning
+from granphon.networks.building import find_rounding
 from granphon.waves.operator import WaveOperator
 from tests import packings
 
@@ -386,6 +387,145 @@ def test_a_force_that_is_not_that_of_the_overlap_is_told(digits, scaled, tmp_pat
     with pytest.warns(InconsistencyWarning) as caught:
         read(of_0=1e6)
     assert caught[0].filename == __file__
+
+
+DUMP = """ITEM: TIMESTEP
+1000
+ITEM: NUMBER OF {}
+3
+ITEM: BOX BOUNDS ff ff ff
+0 0.1
+0 0.1
+-0.001 0.001
+ITEM: {}
+"""
+#: three balls of 0.5 mm at the corners of a triangle, whose contacts overlap by 5.5e-8 m
+OVERLAP = 5.5e-8
+CORNERS = 0.05 + (1e-3 - OVERLAP) * np.array([[0.0, 0.0, -50.0], [1.0, 0.0, -50.0], [0.5, 0.75**0.5, -50.0]])
+CORNERS[:, 2] = 0.0
+
+
+def write_triangle(folder, form, forces=None, density=2500.0, unit=1.0):
+    """Write the dumps of three balls, with places and radii in this format; return their paths."""
+    mass = density * 4.0 / 3.0 * np.pi * 5e-4**3
+    rows = [f"{n} " + " ".join(form % (unit * x) for x in (*place, 5e-4)) for n, place in enumerate(CORNERS.tolist(), 1)]
+    rows = [f"{row} {mass!r}\n" for row in rows]
+    (folder / "atoms.dump").write_text(DUMP.format("ATOMS", "ATOMS id x y z radius mass") + "".join(rows))
+    ends = ["1 2", "2 3", "3 1"]
+    rows = [f"{pair} {force!r}\n" for pair, force in zip(ends, forces or [0.0] * 3, strict=True)]
+    (folder / "pairs.dump").write_text(
+        DUMP.format("ENTRIES", f"ENTRIES i j {'force' if forces else 'none'}") + "".join(rows)
+    )
+    return folder / "atoms.dump", folder / "pairs.dump"
+
+
+def hertz_force():
+    modulus = GLASS.young_modulus / (2.0 * (1.0 - GLASS.poisson_ratio**2))
+    return float(4.0 / 3.0 * modulus * np.sqrt(2.5e-4) * OVERLAP**1.5)
+
+
+@pytest.mark.parametrize("table", [False, True])
+def test_places_with_too_few_digits_give_no_forces(table, tmp_path):
+    """Forces that follow from overlaps are compared with the error that rounded places leave in these."""
+
+    def read(form, unit="m"):
+        write_triangle(tmp_path, form, unit={"m": 1.0, "mm": 1e3, "inch": 1.0 / 0.0254}[unit])
+        if not table:
+            return gp.ContactNetwork.from_lammps(tmp_path / "atoms.dump", tmp_path / "pairs.dump", GLASS)
+        rows = [line.split()[:5] for line in (tmp_path / "atoms.dump").read_text().splitlines()[9:]]
+        head = ",".join(["id", *(f"{name} ({unit})" for name in ("x", "y", "z", "radius"))])
+        (tmp_path / "balls.csv").write_text("\n".join([head, *map(",".join, rows), ""]))
+        return gp.ContactNetwork.from_table(tmp_path / "balls.csv", {"i": [1, 2, 3], "j": [2, 3, 1]}, material=GLASS)
+
+    np.testing.assert_allclose(read("%.16g").normal_force, hertz_force(), rtol=1e-6)
+    for unit in ("m", "mm", "inch") if table else ("m",):
+        # an overlap of 5.5e-8 m beside 5e-8 m, half of the last digit
+        with pytest.raises(gp.GranphonError, match=r"%, .* rounded to .* digits .*%\.16g"):
+            read("%.6g", unit)
+        with pytest.warns(InconsistencyWarning, match="rounded to") as caught:
+            found = read("%.8g", unit)
+        assert caught[0].filename == __file__
+        # the error that is told is a standard one
+        told = float(re.search(r"off by (\S+)%", str(caught[0].message))[1]) / 100.0
+        np.testing.assert_allclose(found.normal_force, hertz_force(), rtol=4.0 * told)
+        np.testing.assert_allclose(read("%.9g", unit).normal_force, hertz_force(), rtol=6e-3)
+
+
+@pytest.mark.parametrize(
+    ("form", "last"), [("%.6g", None), ("%.9g", None), ("%.6f", 1e-6), ("%.8f", 1e-8), ("%.3e", None), ("single", None)]
+)
+def test_the_rounding_of_a_file_is_found_in_its_numbers(form, last):
+    """The bound holds for each number, and is no larger than half of its last digit."""
+    exact = np.random.default_rng(4).uniform(0.0, 0.05, (400, 3))
+    if form == "single":
+        rounded, half = exact.astype(np.float32).astype(float), 0.5 * np.spacing(exact.astype(np.float32))
+    else:
+        rounded = np.vectorize(lambda value: float(form % value))(exact)
+        digits = 4 if form.endswith("e") else int(form[2])
+        half = 0.5 * (last or 10.0 ** (np.floor(np.log10(rounded)) - digits + 1))
+    found = find_rounding(rounded)
+    np.testing.assert_allclose(found, np.broadcast_to(half, found.shape), rtol=1e-9)
+    assert np.all(np.abs(rounded - exact) <= found * (1.0 + 1e-9))
+
+
+def test_few_numbers_of_few_digits_are_exact():
+    for chosen in ([[0.0, 0.0079999, -0.004]], [[5e-4]], [[0.0]], np.zeros((0, 3)), [[np.inf, 1.5, np.nan]]):
+        assert not np.any(find_rounding(np.array(chosen)))
+
+
+def test_masses_and_forces_that_have_one_factor_are_told(tmp_path):
+    """The factor is named: that of all masses to the density, of all forces to Hertz's law."""
+    force = hertz_force()
+
+    def read(**more):
+        return gp.ContactNetwork.from_lammps(*write_triangle(tmp_path, "%.16g", **more), GLASS)
+
+    assert read(forces=[force] * 3).n_contacts == 3
+    assert read(forces=[1.04 * force] * 3, density=2400.0).n_contacts == 3
+    assert read(forces=[2.0 * force, 1.9 * force, 2.1 * force]).n_contacts == 3  # no common factor
+    with pytest.warns(InconsistencyWarning, match=r"forces are 2 times") as caught:
+        read(forces=[2.0 * force] * 3)
+    assert caught[0].filename == __file__
+    with pytest.warns(InconsistencyWarning, match=r"masses are 1000 times .* 2500 kg/m3") as caught:
+        read(forces=[force] * 3, density=2.5e6)
+    assert caught[0].filename == __file__
+    with pytest.warns(InconsistencyWarning, match=r"masses are 0\.9 times"):
+        read(forces=[force] * 3, density=2250.0)
+    # where masses follow from the density, one that is too small is told
+    paths = write_triangle(tmp_path, "%.16g", forces=[force] * 3)
+    paths[0].write_text(paths[0].read_text().replace("mass", "size"))
+    with pytest.warns(InconsistencyWarning, match=r"density .* 7\.84 kg/m\^3"):
+        gp.ContactNetwork.from_lammps(*paths, replace(GLASS, density=7.84))
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_a_dump_that_is_cut_is_read_before_that(which, tmp_path):
+    """LAMMPS was killed: the step that is asked for is whole, and a later one is not."""
+    paths = tmp_path / "atoms.dump", tmp_path / "pairs.dump"
+    texts = [path.read_text() for path in dumps("disks")]
+    steps = [re.sub(r"TIMESTEP\n\d+", f"TIMESTEP\n{step}", text) for text in texts for step in (100, 200)]
+    whole = steps[2 * which] + steps[2 * which + 1]
+    paths[1 - which].write_text(steps[2 - 2 * which] + steps[3 - 2 * which])
+    expected = gp.ContactNetwork.from_lammps(*dumps("disks"), GLASS)
+    begin = len(steps[2 * which])
+    for cut in (whole.index("\n", begin) + 7, whole.index("BOUNDS", begin), len(whole) - 700):
+        paths[which].write_text(whole[:cut])
+        with pytest.warns(StoppedEarlyWarning, match=f"{paths[which].name} .* time step 100") as caught:
+            assert gp.ContactNetwork.from_lammps(*paths, GLASS, step=100) == expected
+        assert caught[0].filename == __file__
+        for step in (None, 200):
+            with pytest.raises(gp.GranphonError, match="step=100"):
+                gp.ContactNetwork.from_lammps(*paths, GLASS, step=step)
+
+
+def test_vectors_that_lead_the_other_way_are_told(tmp_path):
+    atoms, pairs = dumps("disks")
+    head, below = re.split(r"(?<=\n)(?=ITEM: ENTRIES)", pairs.read_text())
+    lines = [line.split() for line in below.splitlines()]
+    turned = [[*row[:3], *(repr(-float(one)) for one in row[3:6])] for row in lines[1:]]
+    (tmp_path / "pairs").write_text(head + "\n".join(map(" ".join, [lines[0], *turned])) + "\n")
+    with pytest.raises(gp.GranphonError, match=r"contact 0, .* from ball j to ball i"):
+        gp.ContactNetwork.from_lammps(atoms, tmp_path / "pairs", GLASS)
 
 
 def test_the_last_of_several_steps_is_read(tmp_path):

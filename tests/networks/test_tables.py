@@ -142,10 +142,11 @@ def test_tables_of_yade():
 
 def test_a_table_of_a_row_between_walls():
     """Three balls and two flat walls: the stiffness of a wall contact is Hertz's of a ball on a plane."""
+    mass = GLASS.ball_mass(0.02)
     balls = {
         "x": [0.0, 0.0199, 0.0398, -0.02, 0.06],
         "radius": [0.01, 0.01, 0.01, np.inf, np.inf],
-        "mass": [1.0, 1.0, 1.0, np.inf, np.inf],
+        "mass": [mass, mass, mass, np.inf, np.inf],
     }
     contacts = {"i": [0, 1, 3, 2], "j": [1, 2, 0, 4], "nx": [1.0] * 4, "normal_force": [100.0] * 4}
     network = gp.ContactNetwork.from_table(balls, contacts, material=GLASS)
@@ -158,7 +159,38 @@ def test_a_table_of_a_row_between_walls():
         [[between + at_wall, -between, 0.0], [-between, 2.0 * between, -between], [0.0, -between, between + at_wall]]
     )
     operator = gp.Waves(network).operator
-    np.testing.assert_allclose(np.linalg.eigvalsh(operator.matrix.toarray()), squares)
+    np.testing.assert_allclose(mass * np.linalg.eigvalsh(operator.matrix.toarray()), squares)
+
+
+@pytest.mark.parametrize("wall", [0.0, -0.001])
+def test_a_flat_wall_leaves_a_network_in_space(wall):
+    """A radius of inf is no scale for heights: three balls on a floor are in space, a layer on a floor too."""
+    radius = 0.001
+    balls = {
+        "x": [0.0, 0.0019, 0.00095, 0.0], "y": [0.0, 0.0, 0.0016, 0.0], "z": [radius, radius, 0.0012, wall],
+        "radius": [radius, radius, radius, np.inf], "mass": [1e-5, 1e-5, 1e-5, np.inf],
+    }  # fmt: skip
+    places = np.stack([balls[axis] for axis in "xyz"], axis=1)
+    i, j = np.array([0, 0, 1, 0, 1]), np.array([1, 2, 2, 3, 3])
+
+    def read(places):
+        normal = places[j] - places[i]
+        normal[3:] = [0.0, 0.0, -1.0]
+        normal /= np.linalg.norm(normal, axis=1)[:, None]
+        contacts = {"i": i, "j": j} | dict(zip(("nx", "ny", "nz"), normal.T, strict=True))
+        contacts |= {"normal_force": [1.0] * 5, "normal_stiffness": [1e5] * 5, "shear_stiffness": [8e4] * 5}
+        table = balls | dict(zip("xyz", places.T, strict=True))
+        return gp.ContactNetwork.from_table(table, contacts, keep_rattlers=True)
+
+    assert read(places).dimension == 3
+    level = places.copy()
+    level[2, 2] = radius
+    assert read(level).dimension == 3  # contacts lead down
+    # walls that stand beside a layer leave it in the plane, wherever they are
+    beside = {"i": [0, 1, 1, 0], "j": [1, 2, 3, 2], "nx": [1.0, -0.5, 1.0, 0.5], "ny": [0.0, 0.75**0.5, 0.0, 0.75**0.5]}
+    beside |= {"nz": [0.0] * 4, "normal_force": [1.0] * 4, "normal_stiffness": [1e5] * 4, "shear_stiffness": [8e4] * 4}
+    table = balls | {"z": [radius, radius, radius, wall]}
+    assert gp.ContactNetwork.from_table(table, beside, keep_rattlers=True).dimension == 2
 
 
 BAD_TABLES = {

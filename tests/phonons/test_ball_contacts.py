@@ -16,6 +16,7 @@ from ase.optimize import BFGS
 
 import granphon as gp
 from granphon.base.errors import InconsistencyWarning, InputError
+from granphon.phonons.ball_contacts import read_granphon_lammps, read_granphon_tables
 
 ROOT = Path(__file__).parents[2]
 STEEL = gp.Material(young_modulus=211.65e9, poisson_ratio=0.276, density=7840.0)
@@ -132,6 +133,20 @@ def test_places_that_are_not_in_metres_are_told():
         assert calculator.get_property("energy", pair) == 0.0
     pair.positions *= 2e-3  # two diameters apart, as balls that fly
     assert calculator.get_property("energy", pair) == 0.0
+
+
+@pytest.mark.parametrize("program", ["lammps", "tables"])
+def test_readers_for_viewers_keep_balls_without_load(program, tmp_path):
+    """A viewer shows all balls of a file; one of these 30 is a rattler."""
+    files = tuple(ROOT / "examples" / "packings" / f"disks_{what}.dump" for what in ("atoms", "pairs"))
+    glass = gp.Material(70e9, 0.2, 2500.0)
+    read = read_granphon_lammps
+    if program == "tables":
+        whole, read = gp.ContactNetwork.from_lammps(*files, glass, keep_rattlers=True), read_granphon_tables
+        files = tmp_path / "balls.csv", tmp_path / "contacts.csv"
+        whole.write_tables(*files)
+    assert len(read(files[0])) == len(read(*files, material=glass)) == 30
+    assert len(read(files[0], keep_rattlers=False)) == 29
 
 
 def test_ase_finds_calculator_and_formats_by_itself(tmp_path):
