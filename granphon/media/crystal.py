@@ -510,7 +510,7 @@ class Crystal(Result):
 
     @property
     def mindlin_ratios(self) -> Array:
-        """(n_c,) shear over normal stiffness of each contact that resists shear: 4 G*/E*."""
+        """(n_c,) shear over normal stiffness of each contact that resists shear: 4 G*/E*, without adhesion."""
         return np.asarray(self._constants[2])
 
     @property
@@ -579,14 +579,15 @@ class Crystal(Result):
             laws.append(found)
         order = np.argsort(number, kind="stable")
         split = np.split(order, np.searchsorted(number[order], np.arange(1, len(pairs))))[: len(pairs)]
-        return Springs([(law, at) for law, at in zip(laws, split, strict=True)], len(number))
+        return Springs([(law, at) for law, at in zip(laws, split, strict=True)], len(number), self._constants[0])
 
-    def law_of(self, i: int, j: int) -> tuple[PairLaw, float]:
-        """Return the law of balls i and j, and kappa/k; numbers from that of the balls on are floors."""
+    def law_of(self, i: int, j: int) -> tuple[PairLaw, float, float]:
+        """Return the law of balls i and j, 4 G*/E*, and E*, Pa; numbers from that of the balls on are floors."""
         names, bodies = (*self.names, RIGID_PLANE.name), list[Body]([*self.kinds, RIGID_PLANE])
         one, two = (int(self.kind[at]) if at < self.n_balls else -1 for at in (i, j))
-        ratio = ContactConstants.of(bodies[one], bodies[two]).mindlin_ratio if self.friction else 0.0
-        return law_of_pair(self.law, bodies[one], bodies[two], names[one], names[two]), ratio
+        constants = ContactConstants.of(bodies[one], bodies[two])
+        ratio = constants.mindlin_ratio if self.friction else 0.0
+        return law_of_pair(self.law, bodies[one], bodies[two], names[one], names[two]), ratio, constants.modulus
 
     def touch(self) -> CrystalState:
         """Return the crystal as its balls touch, without load; stiffnesses are those at overlaps of 1e-6 of distances."""
@@ -1053,16 +1054,26 @@ class CrystalState(Result):
 
     @property
     def shear_stiffness(self) -> Array:
-        """(..., n_c) kappa, N/m: 4 G*/E* times the normal stiffness; zero without friction."""
-        return self.normal_stiffness * (self.crystal._constants[2] if self.crystal.friction else 0.0)
+        """(..., n_c) kappa = 8 G* a of the :attr:`contact_radius` a, N/m; zero without friction."""
+        return self._punch * (self.crystal._constants[2] if self.crystal.friction else 0.0)
+
+    @cached_property
+    def _punch(self) -> Array:
+        """(..., n_c) stiffness 2 E* a of a flat punch as wide as the contact, N/m."""
+        springs = self.crystal._springs
+        if not springs.know_radii:
+            return self.normal_stiffness
+        found = np.empty(self.normal_stiffness.shape)
+        for at in np.ndindex(self.shape):
+            found[at] = springs.punch(self.overlap[at])
+        return read_only(found)
 
     @property
     def torsion_stiffness(self) -> Array:
         """(..., n_c) stiffness against twist, N m."""
         crystal, k = self.crystal, self.normal_stiffness
         if crystal.torsion == MINDLIN:
-            modulus, _, _, twist = crystal._constants
-            return np.asarray(twist * (k / (2.0 * modulus)) ** 3)
+            return np.asarray(crystal._constants[3] * self.contact_radius**3)
         return np.asarray(float(crystal.torsion) * k * crystal._frame[0].distance ** 2)
 
     @property
@@ -1072,8 +1083,8 @@ class CrystalState(Result):
 
     @property
     def contact_radius(self) -> Array:
-        """(..., n_c) radius of the contact that belongs to the stiffness, k/2E*, m."""
-        return np.asarray(self.normal_stiffness / (2.0 * self.crystal._constants[0]))
+        """(..., n_c) radius of the contact, m: that of the law, or k/2E* of one that does not know it."""
+        return np.asarray(self._punch / (2.0 * self.crystal._constants[0]))
 
     @property
     def exponent(self) -> Any:
