@@ -23,7 +23,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.balls.ball import Body, ContactConstants
-from granphon.balls.hertz import ENERGY, FORCE, SLOPE, STIFFNESS, EnergyLaw, HertzLaw, require_pushing
+from granphon.balls.hertz import (
+    ENERGY, FORCE, LEAST_NORMAL, SLOPE, STIFFNESS, EnergyLaw, HertzLaw, require_finite, require_pushing,
+)  # fmt: skip
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import ADHESION, LOADS, Quantity, is_si
@@ -51,6 +53,13 @@ class PairLaw(Protocol):
     A law may also have ``least_overlap``, the overlap in m up to which the bodies are apart (0 if it has none; below 0 where
     they adhere), and ``most_overlap``, up to which it is known. Below the first all is zero. A law without a
     ``least_overlap`` whose force at overlaps below zero is not zero is a bond: it pulls, and the bodies are never apart.
+
+    Bodies that adhere down to a ``least_overlap`` below 0 pull only once they have touched. They touch where they come to
+    the overlap 0, or to ``touch_overlap``, m, of a law that has it: that of a force that acts from afar is its
+    ``least_overlap``.
+
+    A law may have a method ``contact_radius(overlap)``, m, zero where bodies are apart. The stiffness against slip is then
+    8 G* a of this radius a, and that against twist follows from it too; without the method a is k/2E* of the stiffness k.
     """
 
     def force(self, overlap: ArrayLike) -> Any:
@@ -122,14 +131,17 @@ class PowerLaw(EnergyLaw):
         delta, a = np.asarray(real_array("overlap", overlap)), self.exponent
         factor = (1.0 / (a + 1.0), 1.0, a, a * (a - 1.0))[order] * self.coefficient
         out = np.zeros(delta.shape)
-        np.power(delta, a + 1.0 - order, out=out, where=delta > 0.0)
+        np.power(delta, a + 1.0 - order, out=out, where=(delta > 0.0) & (factor > 0.0))
         return (factor * out)[()]
 
     def overlap(self, force: ArrayLike) -> Any:
         """Overlap (f/c)^(1/a), m, under a ``force`` f, N; :class:`InputError` if it is negative."""
         load = np.asarray(real_array("force", force))
         require_pushing(load)
-        return ((load / self.coefficient) ** (1.0 / self.exponent))[()]
+        with np.errstate(over="ignore"):
+            found = (load / self.coefficient) ** (1.0 / self.exponent)
+        require_finite("overlap", found, "a force", load, "N")
+        return found[()]
 
 
 @dataclass(frozen=True)
@@ -140,6 +152,17 @@ class _Adhesive:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "adhesion", not_negative("adhesion", self.adhesion, "J/m^2"))
+
+    def _find_tension(self, radius: float) -> float:
+        """Return 2 pi w R of bodies with this radius R of their contact, N."""
+        tension = 2.0 * math.pi * self.adhesion * radius
+        if not tension < math.inf:
+            raise self._refuse()
+        return tension
+
+    def _refuse(self) -> InputError:
+        what = f"an adhesion of {self.adhesion:g} J/m^2 is beyond double precision for these balls"
+        return InputError(what, mend="Give 0, or compare the units")
 
 
 @dataclass(frozen=True)
@@ -155,13 +178,12 @@ class DMT(_Adhesive):
 
     Raises
     ------
-    InputError : an adhesion that is not a finite number, zero or above.
+    InputError : an adhesion that is not a finite number, zero or above; or, for two bodies, one beyond double precision.
     """
 
     def between(self, ball: Body, other: Body) -> PairLaw:
         """Return the law of the contact of two bodies."""
-        tension = 2.0 * math.pi * self.adhesion * ContactConstants.of(ball, other).radius
-        return DMTLaw(Hertz().between(ball, other), tension)
+        return DMTLaw(Hertz().between(ball, other), self._find_tension(ContactConstants.of(ball, other).radius))
 
 
 @dataclass(frozen=True)
@@ -198,11 +220,15 @@ class JKR(_Adhesive):
 
     A contact bears a tension of up to (3/2) pi w R, at which its stiffness is zero and the balls are apart by 0.23 a^2/R, a
     being (2 pi w R^2/E*)^(1/3). Farther apart it is broken: the branch that is stable only where the distance is held is
-    left out.
+    left out. Balls that come near each other pull once they touch, so that a contact that is made and broken takes energy:
+    0.33 pi w a^2.
+
+    The stiffness against slip is 8 G* a of the radius a of the contact under its load (A. R. Savkoor and G. A. D. Briggs,
+    Proc. R. Soc. A 356, 103, 1977), which adhesion makes larger than that of the normal stiffness.
 
     Raises
     ------
-    InputError : an adhesion that is not a finite number, zero or above.
+    InputError : an adhesion that is not a finite number, zero or above; or, for two bodies, one beyond double precision.
     """
 
     def between(self, ball: Body, other: Body) -> PairLaw:
@@ -210,59 +236,86 @@ class JKR(_Adhesive):
         if not self.adhesion:
             return Hertz().between(ball, other)
         constants = ContactConstants.of(ball, other)
-        spot = math.cbrt(2.0 * math.pi * self.adhesion * constants.radius / constants.modulus * constants.radius)
-        scale = 2.0 * math.pi * self.adhesion * constants.radius
-        return JKRLaw(scale, spot * spot / constants.radius)
+        scale = self._find_tension(constants.radius)
+        spot = math.cbrt(scale) * math.cbrt(constants.radius / constants.modulus)
+        length = spot / constants.radius * spot
+        if not (scale >= LEAST_NORMAL and LEAST_NORMAL <= length < math.inf):
+            raise self._refuse()
+        return JKRLaw(scale, length, spot)
 
 
 @dataclass(frozen=True)
 class JKRLaw(EnergyLaw):
     """The law of a pair that :class:`~granphon.JKR` returns.
 
-    With the contact radius a = (2 pi w R^2/E*)^(1/3) u^2, force and overlap are ``force_scale`` times (4/3) u^6 - 2 u^3, N,
-    and ``length`` times u^4 - u, m; u^3 is 3/4 where the contact breaks, and 3/2 where it bears no load. The energy is that
-    over balls far apart.
+    With the contact radius a = ``spot`` times u^2, ``spot`` being (2 pi w R^2/E*)^(1/3), m, force and overlap are
+    ``force_scale`` times (4/3) u^6 - 2 u^3, N, and ``length`` times u^4 - u, m; u^3 is 3/4 where the contact breaks, and 3/2
+    where it bears no load. The energy is that over balls far apart.
     """
 
     force_scale: float
     length: float
+    spot: float
 
     @property
     def least_overlap(self) -> float:
         """Overlap at which the contact breaks, m."""
         return _JKR_LEAST * self.length
 
+    @property
+    def touch_overlap(self) -> float:
+        """Overlap at which bodies that come together touch, m."""
+        return 0.0
+
+    def contact_radius(self, overlap: ArrayLike) -> Any:
+        """Return the radius of the contact at an ``overlap``, m; zero where the bodies are apart."""
+        delta = real_array("overlap", overlap)
+        u, whole = self._solve(delta)
+        found = np.where(whole, self.spot * u * u, 0.0)
+        require_finite("radius", found, "an overlap", delta, "m")
+        return found[()]
+
+    def _solve(self, delta: Array) -> tuple[Array, Array]:
+        """Return u at overlaps, and where the contact is whole."""
+        with np.errstate(all="ignore"):
+            reduced = delta / self.length
+            whole = ~(reduced < _JKR_LEAST * (1.0 + 4e-16))
+            target = np.maximum(reduced, _JKR_LEAST)
+            # u^4 - u is convex, and the first guess is not below the root: Newton's steps come down to it
+            high = np.maximum(target, 0.0)
+            u = np.sqrt(np.sqrt(high + 1.0 + np.sqrt(np.sqrt(high))))
+            for _ in range(_STEPS):
+                step = (u**4 - u - target) / (4.0 * u**3 - 1.0)
+                u = u - step
+                if not np.any(np.abs(step) > 2e-16 * u):
+                    break
+        return np.maximum(u, _JKR_ROOT), whole
+
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
-        reduced = np.asarray(real_array("overlap", overlap)) / self.length
-        whole = reduced >= _JKR_LEAST * (1.0 + 4e-16)
-        target = np.maximum(reduced, _JKR_LEAST)
-        # u^4 - u is convex, and the first guess is not below the root: Newton's steps come down to it
-        high = np.maximum(target, 0.0)
-        u = np.sqrt(np.sqrt(high + 1.0 + np.sqrt(np.sqrt(high))))
-        for _ in range(_STEPS):
-            step = (u**4 - u - target) / (4.0 * u**3 - 1.0)
-            u = u - step
-            if np.all(np.abs(step) <= 2e-16 * u):
-                break
-        u = np.maximum(u, _JKR_ROOT)
-        rise = 4.0 * u**3 - 1.0
+        u, whole = self._solve(np.asarray(real_array("overlap", overlap)))
+        cube, force, length = u**3, self.force_scale, self.length
+        rise = 4.0 * cube - 1.0
+        # factors are in such an order that products stay in the floating range
         if order == ENERGY:
-            found = u**4 * (8.0 / 15.0 * u**6 - 4.0 / 3.0 * u**3 + 0.5)
+            found = (force * cube) * (length * u**4) * (8.0 / 15.0 * cube - 4.0 / 3.0 + 0.5 / cube)
         elif order == FORCE:
-            found = 2.0 * u**3 * (2.0 / 3.0 * u**3 - 1.0)
+            found = 2.0 * (force * cube) * (2.0 / 3.0 * cube - 1.0)
         elif order == STIFFNESS:
-            found = 2.0 * u**2 * (4.0 * u**3 - 3.0) / rise
+            found = force / length * 2.0 * u**2 * ((4.0 * cube - 3.0) / rise)
         else:
-            found = (4.0 * u * (4.0 * u**3 - 3.0) / rise + 48.0 * u**4 / rise**2) / rise
-        return np.where(whole, self.force_scale * self.length ** (1 - order) * found, 0.0)[()]
+            found = force / length / length * (4.0 * u * (4.0 * cube - 3.0) / rise + 48.0 * (u**2 / rise) ** 2) / rise
+        return np.where(whole, found, 0.0)[()]
 
     def overlap(self, force: ArrayLike) -> Any:
         """Overlap, m, at a ``force``, N; :class:`InputError` for a tension that the contact does not bear."""
-        load = np.asarray(real_array("force", force)) / self.force_scale
-        require_pushing(load * self.force_scale, -0.75 * self.force_scale)
-        cube = 0.75 * (1.0 + np.sqrt(np.maximum(1.0 + 4.0 / 3.0 * load, 0.0)))
-        u = np.cbrt(cube)
-        return (self.length * u * (cube - 1.0))[()]
+        given = np.asarray(real_array("force", force))
+        with np.errstate(over="ignore"):
+            load = given / self.force_scale
+            require_pushing(load * self.force_scale, -0.75 * self.force_scale)
+            cube = 0.75 * (1.0 + np.sqrt(np.maximum(1.0 + 4.0 / 3.0 * load, 0.0)))
+        found = self.length * np.cbrt(cube) * (cube - 1.0)
+        require_finite("overlap", found, "a force", given, "N")
+        return found[()]
 
 
 @dataclass(frozen=True)
@@ -303,6 +356,11 @@ class TabulatedLaw(EnergyLaw):
             raise InputError(what, "Both must be above zero, and above those of the row before", "Sort the table")
         if delta.size < 2:
             raise InputError(f"the table of a contact law has {delta.size} rows with a force", mend="Give two or more")
+        apart = (np.diff(np.log(delta)) > 0.0) & (np.diff(np.log(f)) > 0.0)
+        if not np.all(apart):
+            row = int(np.argmin(apart)) + 1
+            what = f"rows {row - 1} and {row} of the table of a contact law differ by less than their logarithms can tell"
+            raise InputError(what, "Its curve goes through logarithms", "Leave one out")
         object.__setattr__(self, "overlaps", tuple(delta.tolist()))
         object.__setattr__(self, "forces", tuple(f.tolist()))
 
@@ -387,7 +445,10 @@ class TabulatedLaw(EnergyLaw):
             x = new
             if np.all(done):
                 break
-        return np.where(load > 0.0, np.exp(x), 0.0)[()]
+        with np.errstate(over="ignore"):
+            found = np.where(load > 0.0, np.exp(x), 0.0)
+        require_finite("overlap", found, "a force", load, "N")
+        return found[()]
 
 
 def opening_overlap(law: PairLaw) -> float:
@@ -395,6 +456,23 @@ def opening_overlap(law: PairLaw) -> float:
     if (least := getattr(law, "least_overlap", None)) is not None:
         return float(least)
     return -math.inf if np.any(np.asarray(law.force(np.array([-1e-9])))) else 0.0
+
+
+def touching_overlap(law: PairLaw) -> float:
+    """Return the overlap at which bodies with a ``law`` that come together touch, m; -inf of a bond."""
+    least = opening_overlap(law)
+    return max(least, float(getattr(law, "touch_overlap", 0.0))) if least > -math.inf else least
+
+
+def punch_stiffness(law: PairLaw, overlap: Array, modulus: Array | float) -> Array:
+    """Return 2 E* a, N/m: the stiffness of a flat punch as wide as a contact, whose radius a may be known to the law.
+
+    Of a law that does not know it, it is the normal stiffness: so it is of elastic bodies of any shape without adhesion.
+    ``modulus`` is E*, Pa.
+    """
+    if callable(find := getattr(law, "contact_radius", None)):
+        return np.asarray(2.0 * modulus * np.asarray(find(overlap)))
+    return np.asarray(law.stiffness(overlap))
 
 
 def law_between(law: Any, ball: Body, other: Body) -> PairLaw:

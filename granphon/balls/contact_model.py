@@ -22,6 +22,7 @@ from granphon.balls.contact_laws import (
     TabulatedLaw,
     check_law,
     law_of_pair,
+    punch_stiffness,
 )
 from granphon.balls.packing import MINDLIN, Packing
 from granphon.base.arrays import Array
@@ -72,23 +73,21 @@ class ContactModel:
             return RIGID_PLANE
         return self.kinds[self.names.index(name) if self.names else 0]
 
-    def law_of(self, name: str, other: str) -> tuple[PairLaw, float]:
-        """Return the law of balls of two kinds, or of a ball and a floor, and kappa/k."""
+    def law_of(self, name: str, other: str) -> tuple[PairLaw, float, float]:
+        """Return the law of balls of two kinds, or of a ball and a floor, 4 G*/E* (0 without friction), and E*, Pa."""
         bodies = self.body(name), self.body(other)
-        return law_of_pair(self.law, *bodies, name, other), self.mindlin_ratio(*bodies)
+        constants = ContactConstants.of(*bodies)
+        ratio = constants.mindlin_ratio if self.friction else 0.0
+        return law_of_pair(self.law, *bodies, name, other), ratio, constants.modulus
 
-    def mindlin_ratio(self, ball: Body, other: Body) -> float:
-        """Return kappa/k of two bodies: 4 G*/E*, or 0 without friction."""
-        return ContactConstants.of(ball, other).mindlin_ratio if self.friction else 0.0
-
-    def find_torsion(self, stiffness: Any, distance: Any, modulus: Any, twist_modulus: Any) -> Array:
+    def find_torsion(self, stiffness: Any, distance: Any, contact_radius: Any, twist_modulus: Any) -> Array:
         """Return the stiffness against twist, N m, of contacts with a normal ``stiffness``, N/m.
 
-        ``distance`` is that of the two centres, m; E* and the modulus of twist, Pa, are those of
-        :class:`~granphon.balls.ball.ContactConstants`.
+        ``distance`` is that of the two centres, m, and ``contact_radius`` that of the area of contact, m; the modulus of
+        twist, Pa, is that of :class:`~granphon.balls.ball.ContactConstants`.
         """
         if self.torsion == MINDLIN:
-            return np.asarray(twist_modulus * (stiffness / (2.0 * modulus)) ** 3)
+            return np.asarray(twist_modulus * contact_radius**3)
         return np.asarray(float(self.torsion) * stiffness * distance**2)
 
     def find_bending(self, stiffness: Any, distance: Any) -> Array:
@@ -122,13 +121,14 @@ class ContactModel:
             check_law(law, constants.radius)
             overlap = np.asarray(law.overlap(force[balls]))
             stiffness = np.asarray(law.stiffness(overlap))
+            punch = punch_stiffness(law, overlap, constants.modulus)
             radius = 0.5 * diameter
             found["overlap"][balls] = overlap
             found["arm"][balls] = radius
             found["normal_stiffness"][balls] = stiffness
-            found["shear_stiffness"][balls] = self.mindlin_ratio(body, RIGID_PLANE) * stiffness
+            found["shear_stiffness"][balls] = constants.mindlin_ratio * punch if self.friction else 0.0
             found["torsion_stiffness"][balls] = self.find_torsion(
-                stiffness, radius, constants.modulus, constants.twist_modulus
+                stiffness, radius, punch / (2.0 * constants.modulus), constants.twist_modulus
             )
             found["bending_stiffness"][balls] = self.find_bending(stiffness, radius)
         return found

@@ -22,6 +22,8 @@ from granphon.base.validation import positive, real_array
 EXPONENT = 1.5
 #: orders of the derivatives of the energy with respect to the overlap: energy, force, stiffness, slope of the stiffness
 ENERGY, FORCE, STIFFNESS, SLOPE = range(4)
+#: what these are called
+QUANTITIES = ("energy", "force", "stiffness", "slope of the stiffness")
 #: d log omega / d log f of equal balls, (a - 1)/2a = 1/6, as frequencies go as k^(1/2)
 FREQUENCY_EXPONENT = (EXPONENT - 1.0) / (2.0 * EXPONENT)
 #: the pressure is high (low) where the overlap is above (below) Delta_rms by this factor or more; half a decade is what
@@ -93,23 +95,41 @@ class EnergyLaw(ABC):
 
     @abstractmethod
     def _evaluate(self, overlap: ArrayLike, order: int) -> Any:
-        """Return the energy, or its derivative of an ``order`` of 1 to 3; zero where the bodies are apart."""
+        """Return the energy, or its derivative of an ``order`` of 1 to 3, unchecked; zero where the bodies are apart."""
+
+    def _find(self, overlap: ArrayLike, order: int) -> Any:
+        """Return what :meth:`_evaluate` does; raise :class:`InputError` where it is no finite number."""
+        delta = real_array("overlap", overlap)
+        with np.errstate(all="ignore"):
+            found = self._evaluate(delta, order)
+        # balls that are apart have zero whatever their distance, but not at what is no number
+        require_finite(QUANTITIES[order], np.where(np.isnan(delta), delta, found), "an overlap", delta, "m")
+        return found
 
     def energy(self, overlap: ArrayLike) -> Any:
         """Return the energy of a contact at an ``overlap``, m, in J; its derivative is the force."""
-        return self._evaluate(overlap, ENERGY)
+        return self._find(overlap, ENERGY)
 
     def force(self, overlap: ArrayLike) -> Any:
         """Return the force f at an ``overlap``, m, in N."""
-        return self._evaluate(overlap, FORCE)
+        return self._find(overlap, FORCE)
 
     def stiffness(self, overlap: ArrayLike) -> Any:
         """Return the stiffness k = df/d(delta) at an ``overlap``, m, in N/m."""
-        return self._evaluate(overlap, STIFFNESS)
+        return self._find(overlap, STIFFNESS)
 
     def stiffness_slope(self, overlap: ArrayLike) -> Any:
         """Return the slope of the stiffness, dk/d(delta), at an ``overlap``, m, in N/m^2."""
-        return self._evaluate(overlap, SLOPE)
+        return self._find(overlap, SLOPE)
+
+
+def require_finite(name: str, found: Any, of: str, given: Any, unit: str) -> None:
+    """Raise :class:`InputError` where a quantity of a contact, ``found`` of each ``given``, is no finite number."""
+    finite = np.isfinite(found)
+    if not np.all(finite):
+        value = float(np.ravel(given)[np.argmin(np.ravel(finite))])
+        what = f"the {name} of a contact at {of} of {value:g} {unit} is beyond double precision"
+        raise InputError(what, mend="Compare the units")
 
 
 def require_pushing(load: Array, least: float = 0.0) -> None:
@@ -176,6 +196,7 @@ class HertzLaw(EnergyLaw):
         root = np.cbrt(ratio)
         if not np.all(kept):
             root = np.where(kept, root, np.cbrt(load) / np.cbrt(self.coefficient))
+        require_finite("overlap", root * root, "a force", load, "N")
         return (root**2)[()]
 
     def force_fluctuation(self, overlap: ArrayLike) -> Any:

@@ -198,6 +198,8 @@ class Arrangement:
     def mindlin_ratio(self) -> float | None:
         """Ratio of the shear to the normal stiffness; None if contacts do not have it in common."""
         ratios = self.crystal.mindlin_ratios if self.friction else np.zeros(1)
+        if np.any(ratios) and self.crystal._springs.know_radii:  # it depends on the load
+            return None
         return float(ratios[0]) if np.ptp(ratios) <= 1e-12 else None
 
     def describe(self) -> list[tuple[str, Any, str]]:

@@ -514,7 +514,7 @@ class Crystal(Result):
 
     @property
     def mindlin_ratios(self) -> Array:
-        """(n_c,) shear over normal stiffness of each contact that resists shear: 4 G*/E*."""
+        """(n_c,) shear over normal stiffness of each contact that resists shear: 4 G*/E*, without adhesion."""
         return np.asarray(self._constants[2])
 
     @property
@@ -583,10 +583,10 @@ class Crystal(Result):
             laws.append(found)
         order = np.argsort(number, kind="stable")
         split = np.split(order, np.searchsorted(number[order], np.arange(1, len(pairs))))[: len(pairs)]
-        return Springs([(law, at) for law, at in zip(laws, split, strict=True)], len(number))
+        return Springs([(law, at) for law, at in zip(laws, split, strict=True)], len(number), self._constants[0])
 
-    def law_of(self, i: int, j: int) -> tuple[PairLaw, float]:
-        """Return the law of balls i and j, and kappa/k; numbers from that of the balls on are floors."""
+    def law_of(self, i: int, j: int) -> tuple[PairLaw, float, float]:
+        """Return the law of balls i and j, 4 G*/E*, and E*, Pa; numbers from that of the balls on are floors."""
         names = [self.names[self.kind[end]] if end < self.n_balls else RIGID_PLANE.name for end in (i, j)]
         return self.contact_model.law_of(names[0], names[1])
 
@@ -1060,15 +1060,25 @@ class CrystalState(Result):
 
     @property
     def shear_stiffness(self) -> Array:
-        """(..., n_c) kappa, N/m: 4 G*/E* times the normal stiffness; zero without friction."""
-        return self.normal_stiffness * (self.crystal._constants[2] if self.crystal.friction else 0.0)
+        """(..., n_c) kappa = 8 G* a of the :attr:`contact_radius` a, N/m; zero without friction."""
+        return self._punch * (self.crystal._constants[2] if self.crystal.friction else 0.0)
+
+    @cached_property
+    def _punch(self) -> Array:
+        """(..., n_c) stiffness 2 E* a of a flat punch as wide as the contact, N/m."""
+        springs = self.crystal._springs
+        if not springs.know_radii:
+            return self.normal_stiffness
+        found = np.empty(self.normal_stiffness.shape)
+        for at in np.ndindex(self.shape):
+            found[at] = springs.punch(self.overlap[at])
+        return read_only(found)
 
     @property
     def torsion_stiffness(self) -> Array:
         """(..., n_c) stiffness against twist, N m."""
-        modulus, _, _, twist_modulus = self.crystal._constants
-        distance = self.crystal._frame[0].distance
-        return self.crystal.contact_model.find_torsion(self.normal_stiffness, distance, modulus, twist_modulus)
+        twist_modulus, distance = self.crystal._constants[3], self.crystal._frame[0].distance
+        return self.crystal.contact_model.find_torsion(self.normal_stiffness, distance, self.contact_radius, twist_modulus)
 
     @property
     def bending_stiffness(self) -> Array:
@@ -1077,8 +1087,8 @@ class CrystalState(Result):
 
     @property
     def contact_radius(self) -> Array:
-        """(..., n_c) radius of the contact that belongs to the stiffness, k/2E*, m."""
-        return np.asarray(self.normal_stiffness / (2.0 * self.crystal._constants[0]))
+        """(..., n_c) radius of the contact, m: that of the law, or k/2E* of one that does not know it."""
+        return np.asarray(self._punch / (2.0 * self.crystal._constants[0]))
 
     @property
     def exponent(self) -> Any:

@@ -30,7 +30,8 @@ import numpy as np
 from granphon.array.equilibrium import CARRIED_FORCE
 from granphon.array.krylov import conjugate_gradients
 from granphon.array.sparse_matrices import factorise
-from granphon.balls.contact_laws import PairLaw, opening_overlap
+from granphon.balls.contact_laws import PairLaw, opening_overlap, punch_stiffness, touching_overlap
+from granphon.balls.hertz import ENERGY, FORCE, SLOPE, STIFFNESS, EnergyLaw
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import ConvergenceError, InputError, InstabilityError, MechanismError
 from granphon.dynamics.linalg import find_nearest
@@ -88,13 +89,18 @@ _MOST_STIFF, _MOST_FORCES = 1e10, 1e6
 _MOST_EXPLAINED = 20_000
 
 
-def _of_each(name: str, what: str) -> Callable[[Springs, Array], Array]:
-    """Return the method that finds a quantity of all contacts, each by its law."""
+def _of_each(name: str, order: int, what: str) -> Callable[[Springs, Array], Array]:
+    """Return the method that finds a quantity of all contacts, each by its law.
+
+    Trials of a solver may leave the floating range, and see it by themselves.
+    """
 
     def find(springs: Springs, values: Array) -> Array:
         out = np.zeros(springs.count)
         for law, contacts in springs.groups:
-            out[contacts] = getattr(law, name)(values[contacts])
+            known = isinstance(law, EnergyLaw)
+            of_group = law._evaluate(values[contacts], order) if known else getattr(law, name)(values[contacts])
+            out[contacts] = of_group
         return out
 
     find.__doc__ = what
@@ -102,15 +108,21 @@ def _of_each(name: str, what: str) -> Callable[[Springs, Array], Array]:
 
 
 class Springs:
-    """The laws of contacts: a law for each group of them, as functions of the overlaps (n_c,); others never push."""
+    """The laws of contacts: a law for each group of them, as functions of the overlaps (n_c,); others never push.
 
-    def __init__(self, groups: Sequence[tuple[PairLaw, Index]], count: int) -> None:
+    ``modulus`` (n_c,) is E* of their bodies, Pa, where a law knows the radius of its contacts.
+    """
+
+    def __init__(self, groups: Sequence[tuple[PairLaw, Index]], count: int, modulus: Array | None = None) -> None:
         self.groups, self.count = groups, count
+        self.modulus = np.ones(count) if modulus is None else modulus
         self.least = np.zeros(count)
+        self.touch = np.zeros(count)
         self.most = np.full(count, np.inf)
         self.tension = np.zeros(count)
         for law, contacts in groups:
             self.least[contacts] = least = opening_overlap(law)
+            self.touch[contacts] = touching_overlap(law)
             self.most[contacts] = float(getattr(law, "most_overlap", math.inf))
             self.tension[contacts] = math.inf if least == -math.inf else -min(float(np.asarray(law.force(least))), 0.0)
 
@@ -136,12 +148,32 @@ class Springs:
         """Return the laws of some of the contacts, in their order."""
         place = np.full(self.count, -1)
         place[contacts] = np.arange(len(contacts))
-        return Springs([(law, own[own >= 0]) for law, at in self.groups for own in (place[at],)], len(contacts))
+        groups = [(law, own[own >= 0]) for law, at in self.groups for own in (place[at],)]
+        return Springs(groups, len(contacts), self.modulus[contacts])
 
-    force, stiffness = _of_each("force", "Forces, N."), _of_each("stiffness", "Stiffnesses, N/m.")
-    stiffness_slope = _of_each("stiffness_slope", "Slopes of the stiffnesses, N/m^2.")
-    energy = _of_each("energy", "Energies, J.")
-    overlap = _of_each("overlap", "Overlaps at forces that contacts can bear, m.")
+    force = _of_each("force", FORCE, "Forces, N.")
+    stiffness = _of_each("stiffness", STIFFNESS, "Stiffnesses, N/m.")
+    stiffness_slope = _of_each("stiffness_slope", SLOPE, "Slopes of the stiffnesses, N/m^2.")
+    energy = _of_each("energy", ENERGY, "Energies, J.")
+
+    def overlap(self, forces: Array) -> Array:
+        """Overlaps at forces that contacts can bear, m."""
+        out = np.zeros(self.count)
+        for law, contacts in self.groups:
+            out[contacts] = law.overlap(forces[contacts])
+        return out
+
+    @property
+    def know_radii(self) -> bool:
+        """Whether some law knows the radius of its contacts."""
+        return any(callable(getattr(law, "contact_radius", None)) for law, _ in self.groups)
+
+    def punch(self, overlap: Array) -> Array:
+        """Stiffnesses 2 E* a of flat punches as wide as the contacts, N/m."""
+        out = np.zeros(self.count)
+        for law, contacts in self.groups:
+            out[contacts] = punch_stiffness(law, overlap[contacts], self.modulus[contacts])
+        return out
 
 
 @dataclass(frozen=True)

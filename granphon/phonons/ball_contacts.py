@@ -92,7 +92,7 @@ class BallContacts(ContactCalculator):
             raise InputError(f"the balls are {brief(given)}", mend=mend)
         self.balls, self.friction = dict(balls), friction
         self._law = read_laws(law)
-        self._known = dict[tuple[str, float, str, float], tuple[PairLaw, float]]()
+        self._known = dict[tuple[str, float, str, float], tuple[PairLaw, float, float]]()
 
     def find_radii(self, atoms: Atoms) -> tuple[list[str], Array]:
         """Return the kind of each ball, and their radii (n,), m."""
@@ -113,14 +113,14 @@ class BallContacts(ContactCalculator):
             raise InputError("the Atoms have a place that is not finite, or a radius that is not above zero", mend=mend)
         return kinds, radii
 
-    def _find_law(self, kind: str, radius: float, other: str, wide: float) -> tuple[PairLaw, float]:
-        """Return the law of two balls, and kappa over k of their contacts."""
+    def _find_law(self, kind: str, radius: float, other: str, wide: float) -> tuple[PairLaw, float, float]:
+        """Return the law of two balls, and 4 G*/E* and E*, Pa, of their contacts."""
         key = (kind, radius, other, wide)
         if key not in self._known:
             one, two = (self._make(name, size) for name, size in ((kind, radius), (other, wide)))
             found, constants = law_of_pair(self._law, one, two, kind, other), ContactConstants.of(one, two)
             check_law(found, constants.radius)
-            self._known[key] = found, constants.mindlin_ratio
+            self._known[key] = found, constants.mindlin_ratio, constants.modulus
         return self._known[key]
 
     def _make(self, kind: str, radius: float) -> Ball:
@@ -128,7 +128,7 @@ class BallContacts(ContactCalculator):
         return Ball(own if isinstance(own, Material) else own.material, 2.0 * radius, name=kind)
 
     def find_contacts(self, atoms: Atoms) -> tuple[Index, Index, Index, Array, Springs, Array]:
-        """Return i, j and the shift of each contact, the vectors (n_c, 3) between centres, m, the laws, and kappa/k."""
+        """Return i, j and the shift of each contact, the vectors (n_c, 3) between centres, m, the laws, and 4 G*/E*."""
         kinds, radii = self.find_radii(atoms)
         keys = list(zip(kinds, radii.tolist(), strict=True))
         every = list(dict.fromkeys(keys))
@@ -148,12 +148,13 @@ class BallContacts(ContactCalculator):
         i, j, vector, shift = i[near], j[near], vector[near], np.zeros((np.count_nonzero(near), 3), np.intp)
         shift[:, periods] = steps[near]
         pair = np.minimum(code[i], code[j]) * len(every) + np.maximum(code[i], code[j])
-        groups, ratio = list[tuple[PairLaw, Index]](), np.empty(len(i))
+        groups = list[tuple[PairLaw, Index]]()
+        ratio, modulus = np.empty(len(i)), np.empty(len(i))
         order = np.argsort(pair, kind="stable")
         for at in np.split(order, np.flatnonzero(np.diff(pair[order])) + 1) if len(order) else ():
-            law, ratio[at] = self._find_law(*every[code[i[at[0]]]], *every[code[j[at[0]]]])
+            law, ratio[at], modulus[at] = self._find_law(*every[code[i[at[0]]]], *every[code[j[at[0]]]])
             groups.append((law, at))
-        return i, j, shift, vector, Springs(groups, len(i)), ratio
+        return i, j, shift, vector, Springs(groups, len(i), modulus), ratio
 
     def calculate(
         self, atoms: Atoms | None = None, properties: Any = ("energy",), system_changes: Any = all_changes
@@ -197,7 +198,7 @@ class BallContacts(ContactCalculator):
         balls = {"x": x, "y": y, "z": z, "radius": radii, "mass": mass, "kind": kinds}
         contacts = {
             "i": i, "j": j, "normal_force": force, "normal_stiffness": stiffness,
-            "shear_stiffness": ratio * stiffness * self.friction,
+            "shear_stiffness": ratio * springs.punch(overlap) * self.friction,
             **{f"shift_{axis + 1}": shift[:, axis] for axis in range(3)},
         }  # fmt: skip
         periods = {"cell": atoms.cell.array, "pbc": list(map(bool, atoms.pbc))} if np.any(atoms.pbc) else {}
