@@ -13,7 +13,7 @@ import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, wait
-from contextlib import suppress
+from contextlib import closing, nullcontext, suppress
 from functools import partial
 from heapq import heappop, heappush
 from itertools import chain
@@ -124,15 +124,15 @@ def solve_all(
     executor takes no more work then, :class:`~granphon.base.errors.GranphonError` names it. After an error, and on an
     interruption, results that come within half a second are kept, and calls that have not begun by then are cancelled.
     """
-    known = store or Store()
-    with progress.step(label, sum(task.steps for task in tasks)) as step:
-        _Work(tasks, known, step).run(InProcess() if executor is None else executor)
-    parts = list[TaskResult]()
-    for task in tasks:
-        part = known.read(task.name)
-        while part is None or task.done(part) < task.steps:  # it has been damaged meanwhile, and is found again
-            part = task.solve(part)
-        parts.append(part)
+    with closing(Store()) if store is None else nullcontext(store) as known:
+        with progress.step(label, sum(task.steps for task in tasks)) as step:
+            _Work(tasks, known, step).run(InProcess() if executor is None else executor)
+        parts = list[TaskResult]()
+        for task in tasks:
+            part = known.read(task.name)
+            while part is None or task.done(part) < task.steps:  # it has been damaged meanwhile, and is found again
+                part = task.solve(part)
+            parts.append(part)
     return parts
 
 

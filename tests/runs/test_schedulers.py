@@ -14,7 +14,7 @@ import time
 import urllib.error
 import urllib.request
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import closing, contextmanager, nullcontext, suppress
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -404,8 +404,8 @@ def test_a_task_that_kills_its_workers_is_named(tmp_path, how):
 
 @posix
 def test_an_executor_of_a_user_that_loses_a_worker_is_one_error(tmp_path):
-    naps, store = [Nap(n, deadly=n == 5) for n in range(8)], Store(tmp_path / "store")
-    with ProcessPoolExecutor(1) as executor:
+    naps = [Nap(n, deadly=n == 5) for n in range(8)]
+    with ProcessPoolExecutor(1) as executor, closing(Store(tmp_path / "store")) as store:
         with pytest.raises(GranphonError, match=r"^nap-[3-5]\b.* executor"):
             solve_all("naps", naps, executor, store=store)
         with pytest.raises(GranphonError, match=r"^nap-0: .* executor"):  # it takes no more work
