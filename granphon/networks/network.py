@@ -50,7 +50,8 @@ _FLAT = 1e-9
 _ALONG = 1e-2
 #: force, over the mean of all contacts that are pressed, up to which a contact carries no load
 LEAST_LOAD = 1e-6
-#: sum of the forces on a ball, over the sum of their sizes, up to which they are in balance
+#: sum of the forces on a ball, over the sum of their sizes, or over the mean force of a contact, up to which they are in
+#: balance: programs of discrete elements leave 1e-4 or less, and weights, walls or digits that a file lacks leave more
 _BALANCED = 1e-3
 #: difference of the radii of balls that name no kind, over their mean, below which they are of one
 _ALIKE = 0.25
@@ -264,6 +265,51 @@ class ContactNetwork(Result):
     def distance(self) -> Array:
         """(n_c,) distance of the centres, m; infinite at a flat wall, which is a body of infinite radius at any place."""
         return read_only(np.where(np.isinf(self.radii[self.j]), np.inf, np.linalg.norm(self.vector, axis=1)))
+
+    @cached_property
+    def static_forces(self) -> tuple[Array, Array]:
+        """Forces of the contacts at rest, with which ball i acts on ball j, N: (n_c,) along normals, (n_c, 3) across them.
+
+        What a tangential force has along the normal, as where contacts have turned since a program found it, is added to the
+        normal one.
+        """
+        if self.tangential_force is None:
+            return self.normal_force, read_only(np.zeros((self.n_contacts, 3)))
+        along = np.einsum("ca,ca->c", self.tangential_force, self.normal)
+        across = self.tangential_force - along[:, None] * self.normal
+        return read_only(self.normal_force + along), read_only(across)
+
+    @cached_property
+    def unbalanced(self) -> tuple[Array, Array]:
+        """Sums of the static forces, N, and of their torques, N m, on each ball, (n, 3): zero of balls that do not move."""
+        push, across = self.static_forces
+        force, torque = np.zeros((2, self.n_balls, 3))
+        for ball, sign, arm in ((self.j, 1.0, self.arm_j), (self.i, -1.0, self.arm_i)):
+            np.add.at(force, ball, sign * (push[:, None] * self.normal + across))
+            np.add.at(torque, ball, -arm[:, None] * np.cross(self.normal, across))
+        force[~self.moving] = torque[~self.moving] = 0.0
+        return read_only(force), read_only(torque)
+
+    @cached_property
+    def imbalance(self) -> tuple[int, float, float]:
+        """The ball that is farthest from balance, the force left on it, N, and that over the mean force of a contact."""
+        push, across = self.static_forces
+        left, mean = np.linalg.norm(self.unbalanced[0], axis=1), np.mean(np.hypot(push, np.linalg.norm(across, axis=1)))
+        worst = int(np.argmax(left))
+        return worst, float(left[worst]), float(left[worst] / mean) if left[worst] else 0.0
+
+    def describe_imbalance(self) -> str:
+        """Return in words which ball is farthest from balance, and by what force; empty if forces are zero."""
+        worst, force, part = self.imbalance
+        ball = worst if self.labels is None else int(self.labels[worst])
+        if not force:
+            return ""
+        return f"The static forces on ball {ball} add up to {force:.3g} N, {part:.2g} of the mean contact force"
+
+    @property
+    def is_balanced(self) -> bool:
+        """Whether static forces leave no more on any ball than 1e-3 of their mean; also where they do not act."""
+        return not (self.prestress and self.n_contacts) or self.imbalance[2] <= _BALANCED
 
     @property
     def contact_places(self) -> Array:

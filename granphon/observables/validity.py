@@ -13,6 +13,7 @@ from granphon.balls.ball import BALL_LIMITS
 from granphon.balls.hertz import contact_radius_ratio, harmonic_diameter, overlap_from
 from granphon.balls.loads import Load
 from granphon.balls.packing import MINDLIN
+from granphon.base.errors import message
 from granphon.base.results import Result
 from granphon.media.left_out import expect_shear_deficit, find_left_out
 from granphon.media.limits import Check, check_limit
@@ -169,3 +170,14 @@ def check_network(network: ContactNetwork) -> Validity:
         return Validity(())
     ratio = contact_radius_ratio(np.mean(overlap_from(force, stiffness) / diameter), 1.0)
     return Validity((check_limit("contact_radius", ratio),))
+
+
+def network_warnings(network: ContactNetwork) -> tuple[str, ...]:
+    """Return one sentence for each limit that a network exceeds, and one if its static forces act and are out of balance."""
+    limits = check_network(network).warnings
+    if network.is_balanced:
+        return limits
+    mend = (
+        "Frequencies are of a network that is not at rest, unless something else acts on the ball, as its weight or a wall"
+    )
+    return (*limits, message(network.describe_imbalance(), mend))

@@ -26,10 +26,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.base.arrays import Array
-from granphon.base.errors import InputError, InstabilityError
+from granphon.base.errors import InputError
 from granphon.base.results import Result
 from granphon.base.validation import positive, whole_number
-from granphon.waves.operator import UNSTABLE, WaveOperator
+from granphon.waves.operator import WaveOperator, explain_instability
 from granphon.waves.settings import MOMENTS
 
 #: most moments: their densities alone are 32 MiB
@@ -195,7 +195,7 @@ class Moments:
             found += [across if len(found) == 1 else 2.0 * across - found[1], 2.0 * float(np.vdot(x, x)) - found[0]]
             self._last = x
             if not abs(found[-1]) <= (1.0 + _GROWTH) * found[0]:
-                raise InstabilityError(UNSTABLE)
+                raise explain_instability(self._operator.network)
         if not self._keep:
             self._vectors = self._last = None
         return np.array(found[:count])

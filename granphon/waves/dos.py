@@ -16,7 +16,7 @@ from granphon.base.arrays import Array
 from granphon.base.errors import InputError
 from granphon.base.results import Result
 from granphon.base.validation import finite_array, whole_number
-from granphon.observables.validity import check_network
+from granphon.observables.validity import network_warnings
 from granphon.waves.chebyshev import Kernel, Moments, Refinable, keeps_vectors
 from granphon.waves.operator import WaveOperator
 
@@ -133,7 +133,7 @@ class AllModes:
         squares, modes = np.linalg.eigh(operator.matrix.toarray())
         self._top, self._seed, self._balls = operator.top / (2.0 * math.pi), seed, operator.balls.size
         self._frequencies = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * math.pi)
-        self._warnings = check_network(operator.network).warnings
+        self._warnings = network_warnings(operator.network)
         self._weights = np.stack(
             [np.sum(modes[part] ** 2, axis=0) for part in (~operator.is_rotation, operator.is_rotation)]
         )
@@ -188,7 +188,7 @@ class RandomVectors:
         return SpectralDensity(
             kernel.frequencies, mean[0], mean[1], _error(parts.sum(axis=1)), _error(parts[:, 0]),
             _error(parts[:, 1]), kernel.top, moments, vectors, self._seed,
-            check_network(self._operator.network).warnings,
+            network_warnings(self._operator.network),
         )._with_work(partial(self.find, vectors=vectors))  # fmt: skip
 
 

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from granphon.array.sparse_matrices import LARGEST_FACTORS, factorise
 from granphon.base.arrays import Array, Complex
-from granphon.base.errors import ConvergenceError, InputError, InstabilityError, message
+from granphon.base.errors import ConvergenceError, InputError, message
 from granphon.base.results import Result
 from granphon.base.text import counted
 from granphon.base.threads import single_products
@@ -35,9 +35,9 @@ from granphon.base.validation import not_negative, whole_number
 from granphon.dynamics.damping import ContactDamping, DampedModes, damp_evenly, damp_unevenly
 from granphon.dynamics.linalg import find_nearest, lanczos_converges
 from granphon.networks.network import ContactNetwork
-from granphon.observables.validity import check_network
+from granphon.observables.validity import network_warnings
 from granphon.waves.chebyshev import Kernel, Moments, polynomials
-from granphon.waves.operator import UNSTABLE, WaveOperator
+from granphon.waves.operator import WaveOperator, explain_instability
 
 #: most motions of a network all of whose modes are found at once, by a dense matrix
 DENSE = 600
@@ -98,8 +98,8 @@ _SHIFT = 1e-6
 _KRYLOV = 400
 #: how well they tell an eigenvalue, over top^2. D is lower than the whole by a tenth of that, where overlaps are d/50
 _SEEN = 1e-5
-#: frequency over the top, up to which a mode that grows counts as one at rest: forces of programs balance to 1e-6 or so
-_BALANCED = 1e-5
+#: greatest rate of growth, over the top frequency, that is put down to forces left on balls at rest
+_BALANCED = 1e-4
 #: part of the largest entry of a column from which a pivot of a damped matrix is taken on the diagonal. With a tenth factors
 #: at frequencies within bands have up to a hundred times more entries, and no digit more once solutions are refined
 PIVOT = 1e-5
@@ -190,14 +190,31 @@ class Problem:
         return np.sort(cost[np.argsort(np.abs(omega[cost] - target), kind="stable")[:count]])
 
 
-def find_roots(operator: WaveOperator, squares: Array) -> Array:
-    """Return angular frequencies, rad/s, of their squares, which ascend; those below zero are rounding of zero.
+def find_fall(operator: WaveOperator) -> float:
+    """Return the size, (rad/s)^2, of squared frequencies below zero that count as zero.
 
-    Raises :class:`~granphon.base.errors.InstabilityError` if one is not. With static tangential forces there is no limit: D,
-    which lacks a part of them, lowers frequencies of zero.
+    They are rounding, and where static forces act, what these leave on balls: no program brings forces to rest to all
+    digits, and balls that carry no load have been left out. A ball on which a force F is left falls where springs do not
+    resist: about the line through two contacts, at h from its centre, as exp(s t), s^2 = F h/2(m h^2 + I) for neighbours
+    that stay. F/(m r) is above that for any h; T/I is the same of a torque T that is left.
     """
-    if operator.whole is None and squares[0] < -((ZERO * operator.top) ** 2):
-        raise InstabilityError(UNSTABLE)
+    network, rounding = operator.network, (ZERO * operator.top) ** 2
+    if not network.prestress:
+        return rounding
+    force, torque = (np.linalg.norm(one[operator.balls], axis=1) for one in network.unbalanced)
+    masses, radii, inertias = (one[operator.balls] for one in (network.masses, network.radii, network.inertias))
+    left = float(np.max(force / (masses * radii) + torque / inertias))
+    return rounding + min(left, (_BALANCED * operator.top) ** 2)
+
+
+def find_roots(operator: WaveOperator, squares: Array) -> Array:
+    """Return angular frequencies, rad/s, of their squares, which ascend; those below zero count as zero.
+
+    Raises :class:`~granphon.base.errors.InstabilityError` if one is below that, see :func:`find_fall`. With static
+    tangential forces there is no limit: D, which lacks a part of them, lowers frequencies of zero.
+    """
+    if operator.whole is None and squares[0] < -find_fall(operator):
+        raise explain_instability(operator.network)
     return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
 
 
@@ -485,7 +502,7 @@ class NetworkModes(Result):
     @property
     def warnings(self) -> tuple[str, ...]:
         """One sentence for each limit of the contact law that the network exceeds."""
-        return check_network(self.network).warnings
+        return network_warnings(self.network)
 
     @property
     def _energies(self) -> Array:
@@ -662,7 +679,7 @@ def require_stable(operator: WaveOperator) -> None:
     """
     if not operator.network.prestress:
         return
-    whole, least = operator.whole, -((ZERO * operator.top) ** 2)
+    whole, least = operator.whole, -find_fall(operator)
     if operator.size <= LARGEST_FACTORS[operator.network.dimension]:
         problem, low = Problem(operator, np.arange(operator.size)), least
         stable = problem.count_below(low) == 0
@@ -674,7 +691,7 @@ def require_stable(operator: WaveOperator) -> None:
             start = np.random.default_rng(0).normal(size=operator.size)
             with lanczos_converges():
                 (lowest,) = eigs(whole.tocsc(), k=1, sigma=low, v0=start, tol=1e-8, return_eigenvectors=False)
-            stable = float(lowest.real) >= -((_BALANCED * operator.top) ** 2)
+            stable = float(lowest.real) >= least
     else:  # Lanczos: the Krylov space of a random vector, whose lowest Ritz value is above the lowest eigenvalue
         from scipy.linalg import eigvalsh_tridiagonal
 
@@ -691,7 +708,7 @@ def require_stable(operator: WaveOperator) -> None:
         values = eigvalsh_tridiagonal(np.array(diagonal), np.array(beside[:-1]), select="i", select_range=(0, 0))
         stable = float(values[0]) >= (least if whole is None else -_SEEN * operator.top**2)
     if not stable:
-        raise InstabilityError(UNSTABLE)
+        raise explain_instability(operator.network)
 
 
 def _diagonalise(problem: Problem, count: int) -> tuple[Array, Array]:

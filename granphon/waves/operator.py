@@ -32,7 +32,7 @@ from scipy.sparse.linalg import LinearOperator
 
 from granphon.array.contact_operator import ContactHessian, ContactOperator
 from granphon.base.arrays import Array, Complex, Index
-from granphon.base.errors import InputError, message
+from granphon.base.errors import InputError, InstabilityError, message
 from granphon.dynamics.rows import Row, carry_rows, network_rows, push_rows, weigh_rows
 from granphon.networks.network import ContactNetwork
 
@@ -44,14 +44,17 @@ if TYPE_CHECKING:
 _MARGIN = 1.01
 #: relative difference of numbers that are equal but for rounding
 _ALIKE = 1e-12
-#: message of a network that static forces make unstable
-UNSTABLE = message(
-    "the network is not stable: a squared frequency is below zero",
-    "Its static forces exceed what its springs hold, so that it would buckle",
-    "Bring it to rest first, give its tangential_force if it has friction, or leave the static forces out (prestress=False)",
-)
 #: number of balls below which a sparse matrix is faster
 _LEAST_BALLS = 2500
+
+
+def explain_instability(network: ContactNetwork) -> InstabilityError:
+    """Return the error of a network that static forces make unstable."""
+    why = "Its static forces exceed what its springs hold, so that it would buckle"
+    what = message("the network is not stable: a squared frequency is below zero", why)
+    mend = "Bring it to rest first, give its tangential_force if it has friction"
+    left = network.describe_imbalance() if network.prestress else ""
+    return InstabilityError(message(what, left, f"{mend}, or leave the static forces out (prestress=False)"))
 
 
 class Parts(NamedTuple):
@@ -183,7 +186,7 @@ class WaveOperator(LinearOperator):
     def _weighed_rows(self) -> tuple[list[Row], list[Array]]:
         """The rows of :attr:`full_root`, and what each is multiplied by."""
         network, static = self.network, self._static_rows
-        pressed = np.sqrt(np.abs(network.normal_force) / network.distance) if static else None
+        pressed = np.sqrt(np.abs(network.static_forces[0]) / network.distance) if static else None
         return self.rows + static, [np.sqrt(row.stiffness) for row in self.rows] + [pressed] * len(static)
 
     @cached_property
@@ -199,7 +202,7 @@ class WaveOperator(LinearOperator):
         (2, n_c) of elongation, and of other deformations of contacts, return these, where static forces have 0.
         """
         springs = np.ones((2, self.network.n_contacts)) if weights is None else weights
-        static = -np.sign(self.network.normal_force) if weights is None else np.zeros(self.network.n_contacts)
+        static = -np.sign(self.network.static_forces[0]) if weights is None else np.zeros(self.network.n_contacts)
         return np.concatenate([*weigh_rows(self.rows, springs), *[static] * len(self._static_rows)])
 
     def weigh(self, weights: Array | None = None, phase: Any = None) -> csr_array[Any]:
@@ -257,8 +260,8 @@ class WaveOperator(LinearOperator):
     @cached_property
     def _pairs(self) -> tuple[tuple[list[Row], list[Array]], ...]:
         """The two sets of rows of which static tangential forces make G; none if no such forces act."""
-        network, force = self.network, self.network.tangential_force
-        if not network.prestress or force is None or not np.any(force):
+        network, force = self.network, self.network.static_forces[1]
+        if not network.prestress or not np.any(force):
             return ()
         pairs = carry_rows(network, force)
         return tuple((list(rows), [np.ones(network.n_contacts)] * len(pairs)) for rows in zip(*pairs, strict=True))
@@ -282,7 +285,7 @@ class WaveOperator(LinearOperator):
         """(n_free, motions, motions) what springs, and tension, make of D for each ball that moves alone, (rad/s)^2."""
         network, m = self.network, self.motions.count
         own = np.zeros((m, m, network.n_balls))
-        tension = np.maximum(-network.normal_force, 0.0) / network.distance
+        tension = np.maximum(-network.static_forces[0], 0.0) / network.distance
         for row, stiffness in [(row, row.stiffness) for row in self.rows] + [(row, tension) for row in self._static_rows]:
             for ball, part in ((network.j, row.head), (network.i, row.tail)):
                 for a, b in np.ndindex(m, m):

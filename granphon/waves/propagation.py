@@ -31,10 +31,9 @@ from scipy.fft import dct
 from scipy.special import jv
 
 from granphon.base.arrays import Array, Complex
-from granphon.base.errors import InstabilityError
 from granphon.dynamics.damping import ContactDamping
 from granphon.waves.chebyshev import polynomials
-from granphon.waves.operator import UNSTABLE, WaveOperator
+from granphon.waves.operator import WaveOperator, explain_instability
 
 #: most that the coefficients which are left out add up to, in units of the largest response
 TOLERANCE = 1e-13
@@ -227,7 +226,7 @@ class Propagation:
                 first = n - row
                 states += forms[:, first : n + 1] @ block[: row + 1]
                 if not np.linalg.norm(vector) <= most:
-                    raise InstabilityError(UNSTABLE)
+                    raise explain_instability(self.operator.network)
         # sum of (2 - delta_n0) mu_n T_n(y_k): the spectral weight at the nodes, and from it the velocities at all times
         moments = np.array(heard)
         weight = dct(moments, type=3, axis=0)[waves.node] / order * waves.velocity[:, None]

@@ -20,7 +20,7 @@ from granphon.base.errors import InputError, PrecisionError, brief
 from granphon.base.validation import finite_array, finite_list, one_of, positive
 from granphon.dynamics.zone_quadrature import shortest_vectors
 from granphon.networks.network import ContactNetwork
-from granphon.observables.validity import check_network
+from granphon.observables.validity import network_warnings
 from granphon.waves.chebyshev import Kernel, Moments, Refinable, keeps_vectors
 from granphon.waves.operator import WaveOperator
 from granphon.waves.pulses import read_vector
@@ -504,5 +504,5 @@ class PlaneWaves:
         return SpectralFunction(
             self._q, self._polarisation, self._direction, kernel.frequencies, kernel.densities(found / found[:, :1]),
             kernel.top, moments, fold_wavevectors(self._operator.network, self._q),
-            check_network(self._operator.network).warnings,
+            network_warnings(self._operator.network),
         )._with_work(self.find)  # fmt: skip

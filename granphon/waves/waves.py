@@ -15,7 +15,7 @@ from granphon.base.text import counted
 from granphon.base.validation import is_one_of, whole_number
 from granphon.dynamics.damping import DampedModes
 from granphon.networks.network import ContactNetwork, given_network
-from granphon.observables.validity import check_network
+from granphon.observables.validity import network_warnings
 from granphon.waves.chebyshev import Kernel
 from granphon.waves.dos import MOST_MOMENTS, AllModes, LocalDensity, RandomVectors, SpectralDensity, find_local_density
 from granphon.waves.modes import DENSE, NetworkModes, find_damped, find_modes, require_stable
@@ -48,11 +48,12 @@ class Waves:
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """One sentence for each limit of the contact law that the network exceeds, in the words of :func:`gp.validity`.
+        """One sentence for each limit of the contact law that the network exceeds, in the words of :func:`gp.validity`; and
+        one if static forces act and leave more than 1e-3 of their mean on a ball.
 
         Every result has them too.
         """
-        return check_network(self.network).warnings
+        return network_warnings(self.network)
 
     @cached_property
     def operator(self) -> WaveOperator:
