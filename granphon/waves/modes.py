@@ -671,44 +671,82 @@ def _follow_damped(stiffness: Any, viscous: Any, still: Array, wanted: int, targ
 
 
 def require_stable(operator: WaveOperator) -> None:
-    """Raise :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero.
+    """Raise :class:`~granphon.base.errors.InstabilityError` if a squared frequency is below zero, see :func:`is_stable`."""
+    if not is_stable(operator):
+        raise explain_instability(operator.network)
+
+
+def is_stable(operator: WaveOperator) -> bool:
+    """Whether no squared frequency is below zero.
 
     Only static forces make one. Where static tangential forces act, and D has a square below zero, the lowest eigenvalue of
     the whole that is not symmetric decides: its real part is not below the lowest of D. Of networks too large to be
     factorised the lowest Ritz value of a Krylov space of D decides.
     """
     if not operator.network.prestress:
-        return
+        return True
     whole, least = operator.whole, -find_fall(operator)
-    if operator.size <= LARGEST_FACTORS[operator.network.dimension]:
-        problem, low = Problem(operator, np.arange(operator.size)), least
-        stable = problem.count_below(low) == 0
-        if whole is not None and not stable:
-            from scipy.sparse.linalg import eigs
+    if not _has_factors(operator):
+        return _search_lowest(operator) >= (least if whole is None else -_SEEN * operator.top**2)
+    if not Problem(operator, np.arange(operator.size)).count_below(least):
+        return True
+    return whole is not None and _find_lowest_of_whole(operator, whole)[0] >= least
 
-            while problem.count_below(low):
-                low *= 100.0
-            start = np.random.default_rng(0).normal(size=operator.size)
-            with lanczos_converges():
-                (lowest,) = eigs(whole.tocsc(), k=1, sigma=low, v0=start, tol=1e-8, return_eigenvectors=False)
-            stable = float(lowest.real) >= least
-    else:  # Lanczos: the Krylov space of a random vector, whose lowest Ritz value is above the lowest eigenvalue
-        from scipy.linalg import eigvalsh_tridiagonal
 
-        x = np.random.default_rng(0).normal(size=operator.size)
-        x /= np.linalg.norm(x)
-        before, across, diagonal, beside = np.zeros(operator.size), 0.0, [], []
-        for _ in range(_KRYLOV):
-            y = operator @ x - across * before
-            diagonal.append(float(x @ y))
-            y -= diagonal[-1] * x
-            across = float(np.linalg.norm(y))
-            beside.append(across)
-            before, x = x, y / across
-        values = eigvalsh_tridiagonal(np.array(diagonal), np.array(beside[:-1]), select="i", select_range=(0, 0))
-        stable = float(values[0]) >= (least if whole is None else -_SEEN * operator.top**2)
-    if not stable:
+def find_falls(operator: WaveOperator) -> Array:
+    """Return motions (size, m) by which a network that is not stable falls: modes whose squared frequency is below zero.
+
+    They are all of these; with static tangential forces only the lowest one, by its sizes. Raises
+    :class:`~granphon.base.errors.InstabilityError` for a network too large to be factorised.
+    """
+    if not _has_factors(operator):
         raise explain_instability(operator.network)
+    whole = operator.whole
+    if whole is not None:
+        return _find_lowest_of_whole(operator, whole)[1][:, None]
+    network, problem = operator.network, Problem(operator, np.arange(operator.size))
+    # static forces make no square lower than twice that of a ball which they alone move, while all others are held
+    pressed = np.maximum(network.normal_force, 0.0) / network.distance
+    ends = (network.i, network.j)
+    alone = np.sum([np.bincount(ball, pressed, network.n_balls) for ball in ends], axis=0) / network.masses
+    shift, count = -2.0 * float(np.max(alone)), problem.count_below(-find_fall(operator))
+    return np.asarray(find_nearest(problem.shifted(0.0), count, shift, problem.factors(shift).solve)[1])
+
+
+def _has_factors(operator: WaveOperator) -> bool:
+    """Whether the matrix of the network is not too large to be factorised."""
+    return operator.size <= LARGEST_FACTORS[operator.network.dimension]
+
+
+def _find_lowest_of_whole(operator: WaveOperator, whole: Any) -> tuple[float, Array]:
+    """Return the lowest real part of an eigenvalue of the ``whole``, (rad/s)^2, and the sizes (size,) of its motions."""
+    from scipy.sparse.linalg import eigs
+
+    problem, low = Problem(operator, np.arange(operator.size)), -find_fall(operator)
+    while problem.count_below(low):
+        low *= 100.0
+    start = np.random.default_rng(0).normal(size=operator.size)
+    with lanczos_converges():
+        values, vectors = eigs(whole.tocsc(), k=1, sigma=low, v0=start, tol=1e-8)
+    return float(values[0].real), np.abs(vectors[:, 0])
+
+
+def _search_lowest(operator: WaveOperator) -> float:
+    """Return the lowest Ritz value of the Krylov space of a random vector, (rad/s)^2: above the lowest eigenvalue of D."""
+    from scipy.linalg import eigvalsh_tridiagonal
+
+    x = np.random.default_rng(0).normal(size=operator.size)
+    x /= np.linalg.norm(x)
+    before, across, diagonal, beside = np.zeros(operator.size), 0.0, [], []
+    for _ in range(_KRYLOV):
+        y = operator @ x - across * before
+        diagonal.append(float(x @ y))
+        y -= diagonal[-1] * x
+        across = float(np.linalg.norm(y))
+        beside.append(across)
+        before, x = x, y / across
+    values = eigvalsh_tridiagonal(np.array(diagonal), np.array(beside[:-1]), select="i", select_range=(0, 0))
+    return float(values[0])
 
 
 def _diagonalise(problem: Problem, count: int) -> tuple[Array, Array]:

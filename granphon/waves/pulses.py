@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.arrays import Array, Index
-from granphon.base.errors import InputError, UnreachableFrequencyError, brief
+from granphon.base.errors import InputError, InstabilityError, UnreachableFrequencyError, brief, message
 from granphon.base.results import Result, read_only
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
@@ -28,7 +28,7 @@ from granphon.base.validation import finite_array, index_array, not_negative, on
 from granphon.dynamics.damping import ContactDamping
 from granphon.dynamics.linalg import lanczos_converges
 from granphon.networks.network import ContactNetwork, number_pieces
-from granphon.waves.modes import require_stable
+from granphon.waves.modes import find_falls, is_stable, require_stable
 from granphon.waves.operator import WaveOperator, make_operator
 from granphon.waves.propagation import Propagation, ToneBurst, ViscousPropagation
 from granphon.waves.settings import ENDS, READINGS, PulseSettings
@@ -73,6 +73,12 @@ _UNKNOWN = 0.5
 #: what is looked at around the height of a pulse, in durations of the burst: all of one that keeps its shape, and a margin
 _REACH = 0.75
 _DAMPED = "waves of the frequency of the pulse hardly swing, so much are they damped: what arrives has no velocity of sound"
+#: message of an array that has no stable part once it is cut
+_NOTHING_HELD = message(
+    "the array does not hold with free ends: static forces push over one ball after the other, as far as the receivers",
+    "They need the contacts that the ends cut, as such an array has hardly more than it needs",
+    "Use ends: walls, balls with friction, or a higher load",
+)
 #: duration of the record without the burst, over the flight of a long wave in which balls move in proportion
 _LATE = 3.0
 #: share of the squared bound of frequencies below which a frequency is surely reached: a ball that moves alone has a half
@@ -102,6 +108,7 @@ class Course:
     period : distance after which planes across the direction meet themselves, m; infinity if they never do.
     origin : coordinate along the direction at which places begin, m.
     face : place from which distances are counted where the network has been given ends, m; else nan.
+    at_rest : whether it is known that static forces push no ball over.
     """
 
     network: ContactNetwork
@@ -109,6 +116,7 @@ class Course:
     period: float
     origin: float = 0.0
     face: float = math.nan
+    at_rest: bool = False
 
     @classmethod
     def along(cls, network: ContactNetwork, direction: Array) -> Self:
@@ -210,7 +218,7 @@ class Course:
         network, cut = self.network, self.crossings != 0
         if ends == "free":
             kept = {name: getattr(network, name)[~cut] for name in network.contact_fields}
-            return replace(self, network=replace(network, **kept), face=0.0)
+            return replace(self, network=drop_falling(replace(network, **kept), network), face=0.0, at_rest=True)
         held = np.unique(np.where(self.crossings[cut] > 0, network.i[cut], network.j[cut]))
         masses = np.array(network.masses)
         masses[held] = math.inf
@@ -269,6 +277,52 @@ class Course:
         first, last = (0.0, self.period) if math.isfinite(self.period) else (float(np.min(moving)), float(np.max(moving)))
         ways = (2.0 * (start - first), 2.0 * (last - self.find_place(balls)))
         return min((one for one in ways if one > 2.0 * self.spacing), default=2.0 * (last - first))
+
+
+def drop_falling(cut: ContactNetwork, whole: ContactNetwork) -> ContactNetwork:
+    """Return a network ``cut`` from a ``whole`` one without the balls that its static forces push over.
+
+    The balls of a cut feel the forces of the contacts that they have lost as dead loads: these keep the balance, and do not
+    change with small motions. A ball that hangs on one contact rolls off it under such a load, and then carries nothing. It
+    no longer moves in the network, and has no contacts. Such are the balls that fewer pressed contacts hold than there are
+    dimensions, and those that are left so without them. If static forces still push something over, which hangs as a whole,
+    the ball that moves most in each of these motions goes, until the rest is stable.
+
+    Raises :class:`~granphon.base.errors.InstabilityError` if the whole network is not stable itself, if nothing of it is
+    held, or if it is too large for its motions to be found.
+    """
+    if not cut.prestress or is_stable(make_operator(cut)):
+        return cut
+    require_stable(make_operator(whole))
+    rest = _detach(cut, np.setdiff1d(_find_hanging(cut), _find_hanging(whole)))
+    while rest.n_contacts:
+        operator = make_operator(rest)
+        if is_stable(operator):
+            return rest
+        moved = np.linalg.norm(operator.values(find_falls(operator)), axis=1)
+        rest = _detach(rest, operator.balls[np.unique(np.argmax(moved, axis=0))])
+    raise InstabilityError(_NOTHING_HELD)
+
+
+def _find_hanging(network: ContactNetwork) -> Index:
+    """Return the balls that fewer contacts hold than there are dimensions, or do once such balls are gone."""
+    i, j, n = network.i, network.j, network.n_balls
+    # a contact that pulls holds a ball alone, as a rope does
+    holds = np.where(network.normal_force < 0.0, network.dimension, 1)
+    hanging, before = np.zeros(n, bool), -1
+    while np.count_nonzero(hanging) > before:
+        before = int(np.count_nonzero(hanging))
+        live = np.where(hanging[i] | hanging[j], 0, holds)
+        hanging = network.moving & (np.bincount(i, live, n) + np.bincount(j, live, n) < network.dimension)
+    return np.flatnonzero(hanging)
+
+
+def _detach(network: ContactNetwork, balls: Index) -> ContactNetwork:
+    """Return the network whose ``balls`` do not move and have no contacts; those that are left keep their numbers."""
+    masses = np.array(network.masses)
+    masses[balls] = math.inf
+    kept = ~(np.isin(network.i, balls) | np.isin(network.j, balls))
+    return replace(network, masses=masses, **{name: getattr(network, name)[kept] for name in network.contact_fields})
 
 
 def find_envelope(signals: Array) -> Array:
@@ -383,6 +437,7 @@ class Pulse(Result):
     echo : m, how much longer the way of the first echo from an end is than the distance, or the way round a periodic network
         in the other direction.
     fastest : (2,) m/s, upper bounds of the velocity of long waves: of this polarisation, and of all.
+    left_out : number of balls that static forces push over where free ends are cut, and that are left out.
     """
 
     frequency: Annotated[float, "", "Hz"]
@@ -406,6 +461,7 @@ class Pulse(Result):
     warnings: tuple[str, ...] = ()
     echo: Annotated[float, "", "m"] = math.inf
     fastest: Annotated[Array, "2", "m/s"] = field(default_factory=lambda: np.full(2, math.inf))
+    left_out: int = 0
 
     def __post_init__(self) -> None:
         # plain data do not keep the shape of an array without numbers
@@ -614,7 +670,7 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
         samples=np.concatenate(samples), signals=np.concatenate([one.signals[:, :count] for one in pulses]),
         energies=mean("energies"), plane_distances=mean("plane_distances"), planes=mean("planes"), frames=np.zeros(0),
         velocities=np.zeros(0), echo=min(one.echo for one in pulses),
-        fastest=np.max([one.fastest for one in pulses], axis=0), warnings=(),
+        fastest=np.max([one.fastest for one in pulses], axis=0), left_out=sum(one.left_out for one in pulses), warnings=(),
     )  # fmt: skip
     # what was said of each pulse alone is not true of their mean
     kept = dict.fromkeys(text for one in pulses for text in one.warnings if text not in one.judge())
@@ -720,7 +776,9 @@ class Route:
         else:
             sources = index_array("source", source, course.network.n_balls)
             if still := [int(one) for one in sources if not moving[one]]:
-                raise InputError(f"ball {still[0]} of the source does not move", "Its mass is infinite")
+                raise InputError(
+                    f"ball {still[0]} of the source does not move", "Its mass is infinite, or it fell where the end was cut"
+                )
         at_face = isinstance(source, str) and source == "plane" and not math.isnan(course.face)
         start = course.face if at_face else course.find_place(sources)
         groups = [course.find_plane(start + one, "receivers") for one in (length, *apart)]
@@ -731,6 +789,8 @@ class Route:
         net, axes = course.network, list(network.ball_motions.translations)
         part = number_pieces(net.i, net.j, net.moving)
         ways = np.intersect1d(part[groups[0]], part[sources])
+        if not ways.size and np.any(network.moving & ~moving) and ends == "free":
+            raise InstabilityError(_NOTHING_HELD)
         if not ways.size:
             what = f"no contacts join the source and the {counted(len(groups[0]), 'ball')} of the receiving plane"
             why, mend = f"The balls fall into {np.max(part) + 1} parts", "Use a higher load, or one of network.pieces()"
@@ -810,7 +870,8 @@ def transmit(network: ContactNetwork, wanted: PulseSource, operator: WaveOperato
     course, burst, push, sources, groups = route.course, route.burst, route.push, route.sources, route.groups
     if operator is None or operator.network is not course.network:
         operator = make_operator(course.network)
-        require_stable(operator)
+        if not course.at_rest:
+            require_stable(operator)
     squared = (2.0 * np.pi * burst.frequency) ** 2
     if squared > _SURE * operator.top**2 or operator.network.prestress:
         if operator.size > 2:
@@ -842,13 +903,21 @@ def transmit(network: ContactNetwork, wanted: PulseSource, operator: WaveOperato
     for frame, vector in zip(velocities, moving[2:], strict=True):
         frame[operator.balls[:, None], axes] = root[operator.balls, None] * operator.values(vector)[:, : e.size]
     far = [course.find_distance(route.start, one) for one in groups]
+    fallen = np.flatnonzero(network.moving & ~course.network.moving & (wanted.ends == "free"))
     pulse = Pulse(
         burst.frequency, burst.cycles, course.direction, push, tau, across, far[0], route.times, burst(route.times), sources,
         groups[0], np.zeros(len(groups[0]), int), parts[0], np.array(energies), np.array(far[1:]),
         np.array([np.mean(one, axis=0) for one in parts[1:]]), route.frames, velocities,
         echo=course.find_echo(route.start, groups[0]), fastest=route.fastest,
+        left_out=fallen.size,
     )  # fmt: skip
-    return replace(pulse, warnings=pulse.judge())
+    depth, said = np.minimum(course.places, course.period - course.places), list[str]()
+    if fallen.size and np.max(depth[fallen]) >= np.min(depth[groups[0]]):
+        said.append(
+            f"static forces push {counted(fallen.size, 'ball')} over behind the ends that are cut, as far inside as the "
+            "receiving plane, so that the array is no longer what it was: use ends: walls, friction, or a higher load"
+        )
+    return replace(pulse, warnings=(*said, *pulse.judge()))
 
 
 def _read_list(name: str, given: ArrayLike, unit: str, span: str) -> Array:

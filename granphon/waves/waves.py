@@ -258,7 +258,8 @@ class Waves:
             the axis farthest from it; "out_of_plane"; or a vector (1,) to (3,) along which the source pushes. Signals are
             velocities along it.
         source : "plane": the first plane of balls; "ball": one of them; or the index of a ball, or several.
-        ends : "free": contacts across the plane before the first balls are cut; "walls": the balls before it are held;
+        ends : "free": contacts across the plane before the first balls are cut, and balls that static forces then push over
+            are left out (``left_out`` of the result); "walls": the balls before it are held;
             "periodic": the network stays as it is, and the pulse runs both ways. A network without a period along the
             direction, such as one between walls of its own, is left as it is.
         damping : s, the viscosity of each contact over its stiffness: a mode of the angular frequency omega decays as
@@ -278,7 +279,7 @@ class Waves:
             with it; nothing resists the polarisation; a number out of range; a record that takes more than 2^20 products
             with D, or that the other way round a periodic network ends before the burst and its flight are over.
         UnreachableFrequencyError : the frequency is above all modes of the network.
-        InstabilityError : the prestress makes a squared frequency negative, in the network with its ends.
+        InstabilityError : the prestress makes a squared frequency negative, or leaves no array between free ends.
 
         Where the pulse has no time of flight, it is nan, and the warnings of the result say why.
         """

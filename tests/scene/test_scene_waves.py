@@ -53,6 +53,14 @@ def test_files_hold_what_the_library_finds(done):
     assert 'pulse_distance: "m"' in text.split("units:")[1]
 
 
+@pytest.mark.parametrize("seed", [2, 3])
+def test_a_scene_at_a_low_load_gives_its_pulse(seed, tmp_path):
+    text = HEAD.replace("5 N", "2 N") + f"medium: {{simulation: {{shape: [20, 40], seed: {seed}}}}}\n"
+    scene = gp.Scene.from_text(text + "observe: [velocities, pulse]\npulse: {frequency: 5200 Hz, cycles: 2}\n")
+    summary = scene.run(tmp_path / "out", figures=False).summary()
+    assert 0.9 < summary["pulse_velocity"] / summary["longitudinal"] < 0.97
+
+
 def test_tables_are_those_of_the_results(done):
     _, result, folder = done
     dos = np.loadtxt(folder / "sample_dos.csv", delimiter=",", skiprows=1)

@@ -12,9 +12,10 @@ from scipy.special import jv
 import granphon as gp
 from granphon.balls.motions import allowed_motions
 from granphon.base.errors import InputError, InstabilityError, UnreachableFrequencyError
+from granphon.waves.modes import is_stable
 from granphon.waves.operator import WaveOperator, make_operator
 from granphon.waves.propagation import Propagation, ToneBurst
-from granphon.waves.pulses import Course, Pulse, PulseSource, average_pulses, find_arrivals, transmit
+from granphon.waves.pulses import Course, Pulse, PulseSource, average_pulses, drop_falling, find_arrivals, transmit
 from granphon.waves.settings import PulseSettings
 
 STEEL = gp.Material(211.65e9, 0.276, 7840.0)
@@ -347,6 +348,120 @@ def test_lattices_that_buckle_under_their_load_send_no_pulse(lattice, shape, lar
                 waves.transmit(12e3, along, 0.03, 1, ends=ends)
         else:
             assert np.isfinite(waves.transmit(12e3, along, 0.03, 1, ends=ends, duration=1e-4).energies).all()
+
+
+# -- ends under load ----------------------------------------------------------------------------------------------------
+
+
+def press(force, shape, seed, friction=True):
+    """A sample of balls that differ, in its true geometry, so that it has static forces."""
+    packing = gp.Packing(STEEL, D, spread=gp.Uniform(2.04e-6), friction=friction)
+    return gp.DirectSimulation(packing, shape=shape, seed=seed, geometry="exact").at_force(force)
+
+
+def find_squares(network):
+    """Squares of frequencies over that of the top, by a dense matrix."""
+    operator = make_operator(network)
+    return np.linalg.eigvalsh(operator.matrix.toarray()) / operator.top**2
+
+
+def cut_freely(network, along):
+    """The network with all contacts across its beginning cut, and nothing left out."""
+    course = Course.along(network, np.array(along, float))
+    kept = {name: getattr(network, name)[course.crossings == 0] for name in network.contact_fields}
+    return course, replace(network, **kept)
+
+
+@pytest.mark.claim("pulses-free-ends")
+@pytest.mark.parametrize("force", [0.1, 0.5, 2.0])
+@pytest.mark.parametrize("seed", [1, 11])
+def test_balls_that_a_free_end_leaves_hanging_are_left_out(force, seed):
+    network = press(force, (10, 20), seed).samples[0].network
+    course, cut = cut_freely(network, (1.0, 0.0, 0.0))
+    held = course.with_ends("free").network
+    assert find_squares(network).min() > -1e-12
+    assert find_squares(held).min() > -1e-12
+    dropped = np.flatnonzero(~held.moving)
+    assert dropped.size
+    assert find_squares(cut).min() < -1e-9
+    # with any of them the rest would fall, and contacts of all others are there
+    for ball in dropped:
+        gone = np.setdiff1d(dropped, ball)
+        kept = ~(np.isin(cut.i, gone) | np.isin(cut.j, gone))
+        of_ball = int(np.sum((cut.i[kept] == ball) | (cut.j[kept] == ball)))
+        assert of_ball < 2
+    np.testing.assert_array_equal(held.i, cut.i[~(np.isin(cut.i, dropped) | np.isin(cut.j, dropped))])
+    # the front and the rear of the sample alone are touched
+    away = np.minimum(course.places[dropped], course.period - course.places[dropped])
+    assert np.max(away) < 2.5 * D
+
+
+@pytest.mark.parametrize(("friction", "shape", "along", "seed", "count"), [
+    (True, (8, 24), (0.0, 1.0, 0.0), 40, 2), (False, (12, 24), (1.0, 0.0, 0.0), 5, 10),
+])  # fmt: skip
+def test_groups_of_balls_that_hang_as_a_whole_are_left_out(friction, shape, along, seed, count):
+    # each ball has contacts enough, and some together have not
+    network = press(0.1, shape, seed, friction).samples[0].network
+    course, cut = cut_freely(network, along)
+    assert not is_stable(make_operator(cut))
+    held = course.with_ends("free").network
+    assert find_squares(held).min() > -1e-12
+    assert np.count_nonzero(~held.moving) == count
+
+
+@pytest.mark.parametrize(("seed", "along"), [(0, (1, 0)), (3, (0, 1))])
+def test_an_array_without_friction_may_not_hold_with_free_ends(seed, along):
+    # it has about as many contacts as it needs, so that each ball that falls leaves others without
+    waves = gp.Waves(press(0.1, (10, 20), seed, friction=False).samples[0])
+    with pytest.raises(InstabilityError, match="walls"):
+        waves.transmit(3000.0, along, 4.0 * D, 2)
+    assert np.isfinite(waves.transmit(3000.0, along, 4.0 * D, 2, ends="walls").energies).all()
+
+
+def test_what_falls_as_far_inside_as_the_receivers_is_told():
+    waves = gp.Waves(press(0.1, (10, 20), 5, friction=False).samples[0])
+    pulse = waves.transmit(3000.0, (0, 1), 4.0 * D, 2)
+    assert pulse.left_out > 50
+    assert f"{pulse.left_out} balls" in pulse.warnings[0]
+    assert average_pulses([pulse, pulse]).left_out == 2 * pulse.left_out
+
+
+def test_arrays_too_large_to_be_factorised_leave_out_single_balls_alone(monkeypatch):
+    monkeypatch.setattr("granphon.waves.modes.LARGEST_FACTORS", {2: 0, 3: 0})
+    network = press(0.1, (10, 20), 1).samples[0].network
+    cut = cut_freely(network, (1.0, 0.0, 0.0))[1]
+    unseen = [id(cut), id(network)]
+    monkeypatch.setattr("granphon.waves.pulses.is_stable", lambda operator: id(operator.network) in unseen[1:])
+    with pytest.raises(InstabilityError, match="below zero"):
+        drop_falling(cut, network)
+    monkeypatch.setattr("granphon.waves.pulses.is_stable", lambda operator: id(operator.network) != unseen[0])
+    assert np.count_nonzero(~drop_falling(cut, network).moving) == 2
+
+
+@pytest.mark.claim("pulses-free-ends")
+@pytest.mark.parametrize("seed", [2, 3, 7])
+def test_velocities_with_free_ends_and_walls_agree_at_low_load(seed):
+    state = press(2.0, (20, 40), seed)
+    sound = float(gp.sound_velocities(state, direction=(1, 0)).longitudinal)
+    waves = gp.Waves(state.samples[0])
+    hertz = sound / (12.0 * D)
+    free = waves.transmit(hertz, (1, 0), 10.0 * D, 2)
+    walls = waves.transmit(hertz, (1, 0), 10.0 * D, 2, ends="walls")
+    assert abs(free.velocity - walls.velocity) < np.hypot(free.velocity_error, walls.velocity_error)
+    # waves of twelve balls are by the bands of equal balls 3 % slower than long ones; disorder takes some more
+    assert 0.9 < free.velocity / sound < 0.97
+    assert walls.left_out == 0
+    assert (free.left_out > 0) == (seed != 7)
+
+
+@pytest.mark.parametrize("force", [0.1, 0.5])
+@pytest.mark.parametrize("seed", range(2))
+def test_pulses_arrive_at_still_lower_loads(force, seed):
+    state = press(force, (20, 40), seed)
+    sound = float(gp.sound_velocities(state, direction=(1, 0)).longitudinal)
+    pulse = gp.Waves(state.samples[0]).transmit(sound / (12.0 * D), (1, 0), 10.0 * D, 2)
+    assert 0.85 < pulse.velocity / sound < 1.05
+    assert pulse.left_out > 0
 
 
 # -- planes -------------------------------------------------------------------------------------------------------------
