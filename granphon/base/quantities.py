@@ -43,7 +43,6 @@ _PREFIXES = {
 }  # fmt: skip
 #: regular expression of a number without a unit
 NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
-_NUMBER = re.compile(NUMBER)
 #: velocity of light, m/s, which no sound reaches: a velocity above it has another unit, or is a mistake
 LIGHT_VELOCITY = 299_792_458.0
 #: longest text of a quantity, in characters; a longer one is refused
@@ -132,23 +131,33 @@ class Quantity:
     def read_many(self, numbers: Sequence[str], unit: str) -> NDArray[np.float64] | None:
         """Read many numbers of one ``unit``, each with the same result as :meth:`read`, to the last bit.
 
-        Works for units that are a power of ten times the SI unit: shifting the decimal point of the text leaves it exact.
-        Returns None if the unit is another one, or if a number must be read by :meth:`read`.
+        Where the unit is a power of ten times the SI unit, the decimal point of the text is shifted; other products are
+        quotients of whole numbers. Both are exact before they are rounded. Returns None if the text is not of this unit, or
+        if a number must be read by :meth:`read`, which refuses it.
         """
         import numpy as np  # here alone, so that the command's help needs no numpy
 
-        if not self.measures(unit) or not all(map(_NUMBER.fullmatch, numbers)):
+        if not self.measures(unit) or not is_plain(numbers) or max(map(len, numbers), default=0) + len(unit) >= _MOST_SIGNS:
             return None
         factor = _find_factor(self, unit)
         power = len(str(factor.numerator)) - len(str(factor.denominator))
-        if factor != Fraction(10) ** power or max(map(len, numbers)) + len(unit) >= _MOST_SIGNS:
+        try:
+            if factor == 1:
+                values = np.array(list(map(float, numbers)))
+            elif factor == Fraction(10) ** power:
+                values = np.array([_shift_point(text, power) for text in numbers])
+            else:
+                values = np.array([_multiply(text, factor) for text in numbers])
+        except (ValueError, OverflowError):
             return None
-        parts = (number.lower().partition("e") for number in numbers)
-        values = np.array([float(f"{digits}e{int(exponent or 0) + power}") for digits, _, exponent in parts])
         size = np.abs(values)
-        # left to :meth:`read`: zeros, numbers near the ends of the floating range, and negative numbers that may be refused
-        plain = np.all((size > _TINY) & (size < 1.0 / _TINY)) and (self.least == "any" or np.all(values > 0.0))
-        return values if plain else None
+        zero = size == 0.0
+        if any(re.search("[1-9]", re.split("[eE]", text)[0]) for text in {numbers[at] for at in np.flatnonzero(zero)}):
+            return None  # below the floating range
+        # left to :meth:`read`: numbers near the ends of the floating range, and those that may be refused
+        plain = np.all(zero | ((size > _TINY) & (size < 1.0 / _TINY)))
+        taken = {"above zero": values > 0.0, "zero or above": values >= 0.0, "any": True}[self.least]
+        return values + 0.0 if plain and np.all(taken) else None  # no zero is negative
 
     def measures(self, unit: str) -> bool:
         """Whether ``unit`` is one of this kind of quantity."""
@@ -164,6 +173,32 @@ class Quantity:
     def write(self, value: float) -> str:
         """The text of an SI value; :meth:`read` returns the same value from it, to the last bit."""
         return f"{value!r} {self.unit}"
+
+
+def is_plain(texts: Sequence[str]) -> bool:
+    """Whether texts have only what numbers are written with: a float that can be read from one is then :data:`NUMBER`."""
+    joined = "".join(texts)
+    return joined.isascii() and not joined.encode().translate(None, b"0123456789+-.eE")
+
+
+def _shift_point(text: str, power: int) -> float:
+    """Return the float nearest to the number in a text times a power of ten."""
+    if "e" not in text and "E" not in text:
+        return float(f"{text}e{power}")
+    digits, _, exponent = text.lower().partition("e")
+    return float(f"{digits}e{int(exponent) + power}")
+
+
+def _multiply(text: str, factor: Fraction) -> float:
+    """Return the float nearest to the number in a text times a factor: Python rounds a quotient of whole numbers once."""
+    rough = float(text)
+    if not _TINY < abs(rough) < 1.0 / _TINY:  # zero, or what is not taken; its powers of ten may be huge
+        return rough
+    digits, _, exponent = text.lower().partition("e")
+    whole, _, part = digits.partition(".")
+    shift = int(exponent or 0) - len(part)
+    above, below = 10 ** max(shift, 0), 10 ** max(-shift, 0)
+    return int(whole + part) * factor.numerator * above / (factor.denominator * below)
 
 
 @lru_cache(maxsize=256)  # all cells of a column have the same unit

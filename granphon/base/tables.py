@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.base.errors import InputError, brief
-from granphon.base.quantities import NUMBER, Quantity
+from granphon.base.quantities import NUMBER, Quantity, is_plain
 from granphon.base.text import closest, counted, decode, list_names, read_bytes
 
 _POINT = "Write decimals with a point"
@@ -102,17 +102,19 @@ class Table:
             raise InputError(what, mend="Give each column a heading, such as 'force (N), velocity (m/s)'")
         columns: tuple[tuple[str, ...], ...]
         count = len(titles)
-        if count == 1 and not any(mark in text or '"' in text or len(text) >= _LONGEST_CELL for _, text in below):
-            columns = (tuple(text.strip() for _, text in below),)  # saves a tuple for each row of a long list
+        joined = mark.join(text for _, text in below)
+        if '"' not in joined and all(text.count(mark) == count - 1 and len(text) < _LONGEST_CELL for _, text in below):
+            cells = joined.split(mark) if below else []  # all rows at once
+            columns = tuple(tuple(map(str.strip, cells[place::count])) for place in range(count))
         else:
             rows = []
             for n, text in below:
-                cells = _split_cells(f"{name}:{n}", text, mark)
+                row = _split_cells(f"{name}:{n}", text, mark)
                 # a short line is filled with empty cells; of a long one, only empty cells are dropped
-                if any(cells[count:]):
-                    what = f"{name}:{n}: found {counted(len(cells), 'cell')} below {counted(count, 'heading')}"
+                if any(row[count:]):
+                    what = f"{name}:{n}: found {counted(len(row), 'cell')} below {counted(count, 'heading')}"
                     raise InputError(what, mend=f"{_POINT}, and separate all columns by the same character")
-                rows.append(cells[:count] + ("",) * (count - len(cells)))
+                rows.append(row[:count] + ("",) * (count - len(row)))
             columns = tuple(zip(*rows, strict=True)) or ((),) * count
         return cls(name, headings, tuple(n for n, _ in below), columns, quoted)
 
@@ -173,7 +175,7 @@ class Table:
         for place in self._find_places(name):
             values: list[float] = []  # after an error it holds what was read before
             try:
-                values.extend(map(plain_float, self.columns[place]))
+                values.extend(map(float if is_plain(self.columns[place]) else plain_float, self.columns[place]))
             except ValueError:
                 line, cell = self.lines[len(values)], self.columns[place][len(values)]
                 raise InputError(f"line {line}, {name}: found {brief(cell, 40)}, where a number is needed") from None
@@ -223,7 +225,7 @@ def table_text(headings: Iterable[Heading | str], rows: Iterable[Sequence[Any]],
 
 def _split_cells(where: str, line: str, mark: str) -> tuple[str, ...]:
     if '"' not in line and len(line) < _LONGEST_CELL:  # gives the same cells as csv, at a tenth of the cost
-        return tuple(cell.strip() for cell in line.split(mark))
+        return tuple(map(str.strip, line.split(mark)))
     try:
         return tuple(cell.strip() for cell in next(csv.reader([line], delimiter=mark, skipinitialspace=True)))
     except csv.Error as error:

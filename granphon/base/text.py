@@ -442,7 +442,7 @@ def counted(number: int, one: str, many: str = "") -> str:
 
 
 def list_names(names: Iterable[object], most: int = 10) -> str:
-    """Names from a file as a message lists them: the first of them, and how many more there are; "none" if there are none."""
+    """Names from a file as a message lists them: the first ones, and how many more there are; "none" if there are none."""
     every = [str(name) for name in names]
     shown = [name if len(name) <= _LONGEST_NAME else name[: _LONGEST_NAME - 3] + "..." for name in every[:most]]
     more = f" and {len(every) - most} more" if len(every) > most else ""

@@ -48,7 +48,7 @@ _EXACT = 1e-14
 #: standard error of the forces that follow from overlaps, over the forces, above which it is told, and they are refused.
 #: Frequencies have a sixth of it: they are then off by 0.1 %, and by 1 %, as far as elastic constants are known
 _TOLD_ERROR, _MOST_ERROR = 6e-3, 6e-2
-#: least difference of a ratio from one that is told: of all forces to those of Hertz's law, of masses to those of the density
+#: least difference from one that is told of a ratio: of all forces to Hertz's, of masses to those of the density
 _OTHER = 0.05
 #: greatest scatter of a ratio that is the same for all contacts: the rounding in a file, and how far balls are from rest
 _SAME = 1e-4
@@ -61,7 +61,7 @@ class Balls:
     """What a source says of its balls, in SI; None where it says nothing.
 
     ``name`` is what messages call the source. Positions are (n, 1), (n, 2) or (n, 3); the rest is (n,). ``rounding`` and
-    ``radius_rounding`` are the greatest errors that the digits of the source leave in positions and radii, of their shapes, m.
+    ``radius_rounding`` are the greatest errors that the digits of the source leave in positions and radii, m.
     ``compared`` says whether forces that are given are those of the overlaps.
     """
 
@@ -360,8 +360,8 @@ def _judge_errors(contacts: Contacts, balls: Balls, by_overlap: Callable[..., Ar
     if part <= _TOLD_ERROR:
         return
     what = (
-        f"{contacts.name} has no forces, and those of the overlaps are off by {part:.{0 if part > 0.1 else 1}%}, as the places of"
-        f" {balls.name} are rounded to {float(np.max(error)):.2g} m"
+        f"{contacts.name} has no forces, and those of the overlaps are off by {part:.{0 if part > 0.1 else 1}%}, as the"
+        f" places of {balls.name} are rounded to {float(np.max(error)):.2g} m"
     )
     mend = "Write places with more digits (in LAMMPS: dump_modify 1 format float %.16g), or give the forces"
     if part > _MOST_ERROR:

@@ -157,7 +157,7 @@ class _Columns:
         return np.pad(found, ((0, 0), (0, len(names) - len(there)))) if wide else found
 
     def rounding(self, *names: str) -> Array:
-        """Half a unit of the last digit of each number in those of some columns that there are, of one unit: (rows, m), SI."""
+        """Half a unit of the last digit of each number of some columns, of one unit, that there are: (rows, m), SI."""
         there = [name for name in names if name in self]
         kind, unit = BALLS[there[0]], self._units.get(there[0], "")
         factor = kind.factor(unit) if kind is not None and unit else 1.0
@@ -177,6 +177,8 @@ def _read_cells(table: Table, name: str, wanted: str, kind: Quantity | None) -> 
         return table.column(wanted, kind)
     key = Heading.parse(wanted).key
     place = next(n for n, heading in enumerate(table.headings) if heading.key == key)
+    if "n" not in "".join(table.columns[place]).lower():
+        return table.column(wanted, kind)
     endless = np.array([cell.lower() in ("inf", "infinity") for cell in table.columns[place]], bool)
     finite = tuple("1" if wall else cell for cell, wall in zip(table.columns[place], endless, strict=True))
     columns = (*table.columns[:place], finite, *table.columns[place + 1 :])

@@ -13,8 +13,10 @@ from hypothesis import strategies as st
 import granphon as gp
 from granphon.base import quantities
 from granphon.base.errors import InputError
-from granphon.base.quantities import LENGTH, LOADS, Quantity
+from granphon.base.quantities import LENGTH, LOADS, PUSH, Quantity
 from granphon.base.tables import Heading, Table, table_text
+from granphon.fits.measurements import Measurements
+from granphon.fits.transfer import TransferFunction
 
 FORCE, SPEED = LOADS["force"], Quantity("velocity", "m/s", "500 m/s", "m/s, km/s, mm/us")
 
@@ -73,6 +75,33 @@ def test_cells_are_the_floats_nearest_to_what_is_written(tmp_path_factory, cells
     found = Table.read(path).column("size", LENGTH)
     assert found.tolist() == [float(Fraction(cell) / unit[1]) for cell in cells]
     assert found.tolist() == [LENGTH.read(f"{cell} {unit[0]}") for cell in cells]
+
+
+PLAIN = st.integers(1, 10**25).map(str) | st.floats(1e-180, 1e180).map(repr) | st.decimals(1, 9, places=20).map(str)
+SIGNED = PLAIN | PLAIN.map("-{}".format) | st.sampled_from(["0", "-0.0", "0e5", "00.10", "-1.5E+3"])
+UNITS_OF_FORCE = st.sampled_from([("N", 1), ("mN", 1000), ("kN", Fraction(1, 1000)), ("kgf", Fraction(100000, 980665))])
+
+
+@given(st.lists(SIGNED, min_size=1, max_size=20), UNITS_OF_FORCE)
+def test_whole_columns_are_read_at_once(cells, unit):
+    """Also those with zeros, signs, exponents and units that are no power of ten: none is left to the reader of one cell."""
+    alone = [PUSH.read(f"{cell} {unit[0]}") for cell in cells]
+    assert alone == [float(Fraction(cell) / unit[1]) for cell in cells]
+    found = PUSH.read_many(cells, unit[0])
+    assert found.tolist() == alone
+    assert not np.any(np.signbit(found[found == 0.0]))
+
+
+def test_messages_name_the_first_columns_of_many(tmp_path):
+    head = ",".join(f"column {k} (N)" for k in range(5000)) + "," + "x" * 9000
+    found = table(tmp_path, head + "\n" + ",".join(["1"] * 5001) + "\n")
+    with pytest.raises(InputError, match="'column 9' and 4991 more") as error:
+        found.column("force", FORCE)
+    assert len(str(error.value)) < 500
+    for read in (gp.ContactNetwork.from_table, Measurements.read, TransferFunction.read):
+        with pytest.raises(InputError, match=r"column 9 \(N\).? and 4991 more") as error:
+            read(*[tmp_path / "data.csv"] * (2 if read == gp.ContactNetwork.from_table else 1))
+        assert len(str(error.value)) < 1000
 
 
 def test_names_are_compared_as_words_and_a_name_may_carry_the_unit(tmp_path):

@@ -291,6 +291,7 @@ BAD_DUMPS = {
     "unknown units": (spoil(), {"units": "feet"}, "units: found 'feet'; allowed: si, cgs, micro, nano"),
     "ids": (spoil((1, "ENTRIES i j", "ENTRIES a b")), {}, "no column i and no column j. .* colname 1 i"),
     "names": (spoil(), {"columns": ["i", "j"]}, "has 6: i, j, force"),
+    "many names": (spoil((1, "ENTRIES i j.*", "ENTRIES" + " name" * 5000)), {}, "name and 4990 more. Name them"),
     "radius": (spoil((0, "radius", "size")), {}, "no column radius.*radius mass"),
     "id": (spoil((0, "ATOMS id", "ATOMS name")), {}, "no column id"),
     "x": (spoil((0, " x y z", " a b c")), {}, "no columns x, y and z"),
