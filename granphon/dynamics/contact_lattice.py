@@ -135,10 +135,15 @@ class ContactLattice(LongWaves):
         stiffnesses, arms and, with ``prestress``, normal force. Bodies that do not move hold the balls that touch them. They
         have no motions, and the balls of the lattice are the moving ones, in the order of the network. If the periods do not
         lie along x, or in the xy plane, the network is turned: its first period is then along x, the second in the xy plane.
+        The network keeps the lattice, with what that has found.
 
         Raises :class:`~granphon.base.errors.InputError` for a network without a period, without contacts or balls that move,
         and for one in which static tangential forces act, which have no potential.
         """
+        return network.cached(cls._make_of_network)
+
+    @classmethod
+    def _make_of_network(cls, network: ContactNetwork) -> Self:
         axes, dimension = np.flatnonzero(network.pbc), network.dimension
         if not axes.size:
             why, mend = "Bands and sound are those of balls that repeat without end", "Use gp.Waves, or give pbc and a cell"

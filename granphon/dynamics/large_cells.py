@@ -20,6 +20,7 @@ from granphon.dynamics.blocks import GENERIC
 from granphon.dynamics.compatibility import Compatibility
 from granphon.dynamics.linalg import WELL_ABOVE, find_nearest
 from granphon.dynamics.rows import Row
+from granphon.dynamics.sparse_relaxation import compose_ends
 
 #: singular value of C, over the largest, from which it has eleven digits in the motions of balls
 _LEAST = 1e-5
@@ -62,9 +63,9 @@ class LargeCell:
     """
 
     def __init__(self, lattice: Compatibility, rows: list[tuple[list[Row], Array]], images: tuple[Any, ...] | None) -> None:
-        from scipy.sparse import coo_array, eye_array, hstack, kron
+        from scipy.sparse import eye_array, hstack, kron
 
-        table, n, count = lattice.contacts, lattice.n_balls, lattice.motions.count
+        table, n = lattice.contacts, lattice.n_balls
         self.size, self.pressed, self.is_real = lattice.n_branches, lattice.is_prestressed, images is not None
         #: (n, n) to the motions of balls from those in which D is real
         self.frame: Any = eye_array(self.size, dtype=complex, format="csr")
@@ -78,16 +79,7 @@ class LargeCell:
         self._zeros = self.size
         self.kinds: list[_Ends] = []
         for prestress, (own, roots) in enumerate(rows):
-            ends: list[Any] = []
-            for balls, coefficients in ((table.j, [row.head for row in own]), (table.i, [row.tail for row in own])):
-                there = np.flatnonzero(balls < n)  # not a body that does not move
-                weight = roots[:, there, None] * np.asarray(coefficients)[:, there]
-                weight = weight / np.sqrt(lattice.masses[balls[there]])[:, None]
-                line = (np.arange(len(own))[:, None] * len(table) + there)[..., None]
-                column = (balls[there] * count)[:, None] + np.arange(count)
-                where = tuple(np.broadcast_to(each, weight.shape).ravel() for each in (line, column))
-                shape = (len(own) * len(table), self.size)
-                ends.append(coo_array((weight.ravel(), where), shape=shape).tocsr() @ self.frame)
+            ends = [one @ self.frame for one in compose_ends(lattice, own, roots)]
             signs = -np.sign(lattice.prestress) if prestress else np.ones(len(table))
             half = np.tile(0.5 * table.vector[:, : lattice.periods], (len(own), 1))
             self.kinds.append(_Ends(ends[0], ends[1], half, np.tile(signs, len(own))))

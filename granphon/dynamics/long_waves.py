@@ -14,12 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.lattices import as_direction, one_direction
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, MechanismError
+from granphon.base.progress import Progress, silent
 from granphon.base.results import read_only
 from granphon.base.validation import real_array
 from granphon.dynamics.compatibility import Compatibility
 from granphon.dynamics.elasticity import decompose_waves, find_stress_part, name_waves, take_voigt, voigt_pairs
-from granphon.dynamics.linalg import cholesky_factor, jacobi_svd
+from granphon.dynamics.linalg import MANY_COLUMNS, cholesky_factor, jacobi_svd
 from granphon.dynamics.rows import Row, push_rows, strain_rows
+from granphon.dynamics.sparse_relaxation import SparseRelaxation, compose_ends
 
 #: ratio of the softest to the stiffest strain (singular values) below which a lattice is called a mechanism
 _SOFT = 1e-12
@@ -43,7 +45,36 @@ class LongWaves(Compatibility):
         """
         gradient = [strain_rows(row, self.contacts.vector[:, : self.periods], self.motions) for row in rows]
         affine = root[..., None] * np.reshape(gradient, (*root.shape, self._n_gradients))
-        return affine.reshape(root.size, self._n_gradients), self._select_inner(self._combine_ends(rows, root)[0])
+        return affine.reshape(root.size, self._n_gradients), self._find_inner_ends(rows, root)[0]
+
+    def _find_inner_ends(self, rows: list[Row], root: Array) -> tuple[Any, Any]:
+        """Return the difference and the sum of the effects of inner motions at both ends of contacts, (n_rows, n_inner).
+
+        In a cell of many balls they are sparse, and those of all motions of each ball, the shift of all balls among them.
+        """
+        if self._is_large:
+            head, tail = compose_ends(self, rows, root)
+            return (head - tail).tocsr(), (head + tail).tocsr()
+        gap, total = self._combine_ends(rows, root)
+        return self._select_inner(gap), self._select_inner(total)
+
+    @property
+    def _is_large(self) -> bool:
+        """Whether there are so many motions in the cell that sparse factors are faster."""
+        return self.n_branches > MANY_COLUMNS
+
+    def relax_inner_motions(self, progress: Progress = silent) -> None:
+        """Do the long work that moduli and sound share, and report how far it has come; the lattice keeps what it finds."""
+        if self._is_large and not self.is_held and "_relaxation" not in vars(self):
+            vars(self)["_relaxation"] = self._make_relaxation(progress)
+
+    @cached_property
+    def _relaxation(self) -> SparseRelaxation | None:
+        """The relaxation of many inner motions by sparse factors; None where there are few."""
+        return self._make_relaxation(silent) if self._is_large else None
+
+    def _make_relaxation(self, progress: Progress) -> SparseRelaxation:
+        return SparseRelaxation(self, *self._find_inner_ends(*self._weight_rows()), _SOFT, progress)
 
     @property
     def _n_gradients(self) -> int:
@@ -84,6 +115,8 @@ class LongWaves(Compatibility):
 
     def _relax(self, rows: Array) -> Array:
         """Return the part of deformations (n_rows, ...) that remains once the inner motions have relaxed."""
+        if self._relaxation is not None:
+            return self._relaxation.relax(rows)
         left, _ = self._inner_modes
         return np.asarray(rows - np.tensordot(left, np.tensordot(left.T, rows, 1), 1))
 
@@ -96,6 +129,15 @@ class LongWaves(Compatibility):
         """
         relaxed, p = self._relax(self._strain_rows[0]), self.periods
         return np.where(np.repeat(self._is_across, p), 0.0, relaxed)
+
+    @cached_property
+    def _sound_rows(self) -> Array:
+        """:attr:`_relaxed_rows`, or of a large cell a few rows (n_u p, n_u p) with the same lengths and products of columns.
+
+        Products of very long columns are rounded too much to be made orthogonal by rotations.
+        """
+        relaxed = self._relaxed_rows
+        return np.asarray(np.linalg.qr(relaxed, mode="r")) if self._is_large else relaxed
 
     @property
     def _is_across(self) -> NDArray[np.bool_]:
@@ -122,18 +164,21 @@ class LongWaves(Compatibility):
         Motions that deform nothing to this order stay behind: a ball that touches no other shifts against the rest. What
         they have of the shift of all balls is missing from the mass, (n_u, n_u) of one if none do.
         """
-        inner, count = self._inner_modes[1], len(self.motions.translations)
+        inner = self._inner_modes[1] if self._relaxation is None else self._relaxation.free
+        count = len(self.motions.translations)
         if not inner.shape[1]:
             return False, np.eye(count)
         # to first order in q the deformations of both sound and inner motions are i times real numbers
-        gap, total = self._combine_ends(*self._weight_rows())
-        half = 0.5 * np.tile(self.contacts.vector[:, : self.periods], (len(total), 1))
+        weighted = self._weight_rows()
+        gap, total = self._find_inner_ends(*weighted)
+        half = 0.5 * np.tile(self.contacts.vector[:, : self.periods], (len(weighted[0]), 1))
         # a motion that deforms nothing at any q, such as the spin of a ball between two others, is left with rounding alone
-        rows = np.linalg.norm(self._select_inner(np.abs(gap) + np.abs(total)), axis=1, keepdims=True)
+        effects = abs(gap) + abs(total)
+        rows = np.sqrt(np.asarray((effects * effects).sum(axis=1)))[:, None]
         sound = self._relaxed_rows.reshape(-1, count, self.periods)
 
         def make_waves(free: Array) -> Array:
-            change = self._select_inner(total) @ free
+            change = total @ free
             change = np.where(np.abs(change) <= _SOFT * rows * np.linalg.norm(free, axis=0), 0.0, change)
             return self._relax(half[:, :, None] * change[:, None, :])
 
@@ -142,10 +187,10 @@ class LongWaves(Compatibility):
             coupling = coupling + coupling.swapaxes(1, 2)
             return bool(np.max(np.abs(coupling), initial=0.0) > _COUPLED * np.linalg.norm(sound) * np.linalg.norm(waves))
 
-        if not couple(make_waves(inner)):
-            return False, np.eye(count)
         free = np.linalg.qr(inner)[0]
         waves = make_waves(free)
+        if not couple(waves):
+            return False, np.eye(count)
         moved = sound.swapaxes(1, 2) / np.sqrt(self.masses.sum())  # as inner motions are, per root of mass
         together = np.concatenate([moved, waves], axis=2).reshape(-1, count + free.shape[1])
         still = _find_null(together)
@@ -180,7 +225,7 @@ class LongWaves(Compatibility):
             return f"The balls of a cell can shift or turn against each other without a cost in energy{how}"
         if not self._strains.size:
             return ""
-        values, right = jacobi_svd(self._relaxed_rows @ self._strains)
+        values, right = jacobi_svd(self._sound_rows @ self._strains)
         if values[0] <= _SOFT * values[-1]:
             # where several strains cost nothing, so do their sums: shown is what they have of the one that is most theirs
             pairs, soft = voigt_pairs(self.periods), right[:, values <= _SOFT * values[-1]]
@@ -223,9 +268,13 @@ class LongWaves(Compatibility):
         if prestress is None and not self.is_prestressed:
             relaxed = self._relaxed_rows
             return (relaxed.T @ relaxed).reshape(shape)
+        if prestress is not None and self._is_large and np.ndim(prestress):
+            return np.stack([self.gradient_stiffness(one) for one in np.asarray(prestress)])
         each, push = self._find_load(prestress)
         own, mixed, block = (spring - each * held for spring, held in zip(self._spring_forms, push[:3], strict=True))
-        if block.size:
+        if self._relaxation is not None:
+            own = self._relaxation.eliminate(own, mixed, block)
+        elif block.size:
             own = own - mixed.swapaxes(-1, -2) @ np.linalg.pinv(block, rcond=1e-13, hermitian=True) @ mixed
         stiffness = np.asarray(own.reshape(*own.shape[:-2], *shape))
         across = self._is_across
@@ -240,7 +289,8 @@ class LongWaves(Compatibility):
         """Return a factor (..., 1, 1) and the :meth:`_compute_push_forms` that it multiplies."""
         if prestress is None:
             return 1.0, self._compute_push_forms(self.prestress)
-        return real_array("prestress", prestress)[..., None, None], self._even_push_forms
+        each = real_array("prestress", prestress)
+        return (each[..., None, None] if each.ndim else float(each)), self._even_push_forms
 
     @cached_property
     def _spring_forms(self) -> tuple[Array, Array, Array]:
@@ -261,7 +311,7 @@ class LongWaves(Compatibility):
         across, inner = self._deform_uniformly(push, np.ones((len(push), len(self.contacts))))
         load = np.tile(prestress, len(push))[:, None]
         return (
-            across.T @ (load * across), inner.T @ (load * across), inner.T @ (load * inner),
+            across.T @ (load * across), inner.T @ (load * across), inner.T @ (inner * load),
             vector.T @ (prestress[:, None] * vector),
         )  # fmt: skip
 
@@ -316,7 +366,7 @@ class LongWaves(Compatibility):
         return read_only(values), read_only(vectors)
 
     def _compute_waves(self, along: Array) -> tuple[Array, Array]:
-        rows = self._relaxed_rows.reshape(-1, len(self.motions.translations), self.periods)
+        rows = self._sound_rows.reshape(-1, len(self.motions.translations), self.periods)
         factor = np.einsum("rij,...j->...ri", rows, along) @ self._per_mass / np.sqrt(self.masses.sum())
         return decompose_waves(along, factor, self.motions.translations)
 

@@ -24,6 +24,7 @@ from granphon.balls.hertz import MUCH_LARGER, HertzLaw
 from granphon.balls.packing import MINDLIN, Packing
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
+from granphon.base.progress import Progress
 from granphon.base.results import Result
 from granphon.base.scales import Units
 from granphon.base.text import counted
@@ -169,6 +170,10 @@ class State(ABC):
 
         These are the columns of arrays (..., n_u, n_u), or (..., n, n_u, n_u) for directions (n, p).
         """
+
+    def relax_inner_motions(self, progress: Progress) -> None:
+        """Do the long work that moduli and sound share, and report how far it has come; of few balls there is none."""
+        self.reference_lattice.relax_inner_motions(progress)
 
     def cached(self, find: Callable[..., Found], *more: Hashable) -> Found:
         """Return ``find(self, *more)``, which is called only the first time and then kept."""
@@ -670,6 +675,11 @@ class NetworkState(State):
     def reference_lattice(self) -> ContactLattice:
         """The lattice of contacts at the first load, in reduced units."""
         return self._each[0][0]
+
+    def relax_inner_motions(self, progress: Progress) -> None:
+        """Do the long work that moduli and sound share, see :meth:`State.relax_inner_motions`."""
+        for lattice, _ in self._each:
+            lattice.relax_inner_motions(progress)
 
     @property
     def scales(self) -> Units:

@@ -10,7 +10,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,6 +31,7 @@ from granphon.base.text import counted
 from granphon.base.validation import index_array, label, lengths, one_of, real_array, require, text_list, truth, whole_number
 from granphon.networks.building import LARGEST, MOST_STEPS, read_whole_numbers
 
+Found = TypeVar("Found")
 #: fields with one number for each ball
 _BALLS = ("radii", "masses", "inertias")
 #: fields of whole numbers
@@ -324,6 +325,17 @@ class ContactNetwork(Result):
             int(wall): (place, n)
             for wall, place, n in zip(self.j[at], self.contact_places[at], self.normal[at], strict=True)
         }
+
+    def cached(self, find: Callable[[Self], Found]) -> Found:
+        """Return ``find(self)``, which is called only the first time and then kept, as the network never changes."""
+        if find not in self._found:
+            self._found[find] = find(self)
+        found: Found = self._found[find]
+        return found
+
+    @cached_property
+    def _found(self) -> dict[Any, Any]:
+        return {}
 
     @cached_property
     def scales(self) -> Units:

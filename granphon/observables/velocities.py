@@ -14,6 +14,7 @@ from granphon.array.sample import jackknife, standard_error
 from granphon.balls.lattices import as_direction
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, InstabilityError, UnreachableFrequencyError, brief
+from granphon.base.progress import Progress, silent
 from granphon.base.results import Result
 from granphon.base.validation import finite_array, texts
 from granphon.dynamics.branches import AcousticBranch, AcousticBranches, follow_acoustic_branches
@@ -123,7 +124,7 @@ class SoundVelocities(Result):
         return None if of is None or self._count_transverse() != 2 else np.asarray(of)[..., place][()]
 
 
-def sound_velocities(state: Any, direction: ArrayLike | None = None) -> SoundVelocities:
+def sound_velocities(state: Any, direction: ArrayLike | None = None, *, progress: Progress = silent) -> SoundVelocities:
     """Return the velocities of sound, m/s, in the limit of long waves (equations 13, 14, 16).
 
     Parameters
@@ -138,6 +139,8 @@ def sound_velocities(state: Any, direction: ArrayLike | None = None) -> SoundVel
         is nearest to the direction. The slow transverse wave comes before the fast one. If their velocities are equal, as
         along [100] and [111] of a cubic lattice, the first polarisation is along the axis x, y or z farthest from the
         longitudinal one, in this order if several are.
+    progress : told how far the factors of a network of many balls have come, which takes long once; the network keeps what
+        :func:`moduli` shares with this.
 
     Raises
     ------
@@ -147,6 +150,7 @@ def sound_velocities(state: Any, direction: ArrayLike | None = None) -> SoundVel
     InstabilityError : with finite overlap, the lattice buckles.
     """
     state = as_state(state)
+    state.relax_inner_motions(progress)
     along = choose_direction(state, direction, "sound velocities", state.is_isotropic)
     names, (v, vectors) = state.wave_names, state.polarised_waves(along)
     order = np.argsort(v, axis=-1, kind="stable")
@@ -346,13 +350,13 @@ class Moduli(Result):
         return shears(self.tensor)
 
 
-def moduli(state: Any) -> Moduli:
+def moduli(state: Any, *, progress: Progress = silent) -> Moduli:
     """Return the elastic moduli: the tensor, with bulk and shear modulus where they exist (equation 17), and averages.
 
     They are in Pa, in the plane of the layer taken one diameter thick; a chain has one modulus, in N, which is its ``bulk``.
-    ``state`` is a state, a sample or a network, as in :func:`sound_velocities`. Of a network that repeats along one axis,
-    such as a ribbon, the modulus is the force over the strain, N; along two, such as a slab of any thickness, moduli are
-    the force per length over the strain and one mean diameter, Pa.
+    ``state`` is a state, a sample or a network, and ``progress`` is told how far it is, as in :func:`sound_velocities`. Of a
+    network that repeats along one axis, such as a ribbon, the modulus is the force over the strain, N; along two, such as a
+    slab of any thickness, moduli are the force per length over the strain and one mean diameter, Pa.
     Raises :class:`~granphon.base.errors.InputError` if balls do not move along the lattice, and
     :class:`~granphon.base.errors.MechanismError` if a motion of the lattice costs no energy.
 
@@ -361,6 +365,7 @@ def moduli(state: Any) -> Moduli:
     these coefficients is not symmetric.
     """
     state = as_state(state)
+    state.relax_inner_motions(progress)
     errors: dict[str, Any] = {}
     tensor, isotropic, cubic = state.elastic_tensor, state.is_isotropic, state.has_cubic_axes
     if (every := state.sampled_tensors) is not None:

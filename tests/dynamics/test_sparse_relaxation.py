@@ -1,0 +1,195 @@
+"""Moduli and sound of cells of many balls by sparse factors: against dense singular values, and their cells."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.sparse import csr_array
+
+import granphon as gp
+from granphon.base.errors import GranphonError, InstabilityError
+from granphon.dynamics import long_waves, sparse_relaxation
+from granphon.dynamics.contact_lattice import ContactLattice
+from granphon.dynamics.fronts import Fronts, dissect
+from tests.dynamics.test_network_lattice import STEEL, random_network, ribbon
+
+
+def keep(network, kept):
+    fields = {name: getattr(network, name)[kept] for name in network.contact_fields}
+    return replace(network, **fields)
+
+
+def bare(name, shape, part=1.0, slip=True, seed=2):
+    """A part of the contacts of a random network, without torsion and bending, and with slip or not."""
+    network = random_network(name, shape)
+    nothing = np.zeros(network.n_contacts)
+    shear = network.shear_stiffness if slip else nothing
+    network = replace(network, shear_stiffness=shear, torsion_stiffness=nothing, bending_stiffness=nothing)
+    return keep(network, np.random.default_rng(seed).uniform(size=network.n_contacts) < part)
+
+
+def hang(contacts):
+    """A network of which one ball has so many contacts."""
+    network = bare("fcc", (2, 2, 3))
+    kept = (network.i != 3) & (network.j != 3)
+    kept[np.flatnonzero(~kept)[:contacts]] = True
+    return keep(network, kept)
+
+
+CASES = {
+    "fcc": lambda: random_network("fcc", (2, 2, 3)),
+    "prestress": lambda: random_network("fcc", (2, 2, 3), prestress=True),
+    "plane": lambda: random_network("triangular", (4, 3)),
+    "plane, all motions": lambda: random_network("triangular", (4, 3), "all"),
+    "honeycomb": lambda: random_network("honeycomb", (3, 3)),
+    "diamond": lambda: random_network("diamond", (2, 1, 2)),
+    "chain": lambda: random_network("chain", (40,)),
+    "chain, all motions": lambda: random_network("chain", (20,), "all"),
+    "ribbon": lambda: ribbon(random_network("triangular", (4, 4)), 0),
+    "a ball without contacts": lambda: hang(0),
+    "a ball with one contact": lambda: hang(1),
+    "a ball with two contacts, about which it spins": lambda: hang(2),
+    "without friction": lambda: bare("fcc", (2, 3, 3), slip=False),
+    "without friction, balls that are not held": lambda: bare("fcc", (3, 3, 3), 0.56, slip=False),
+    "without friction, a mechanism": lambda: bare("fcc", (2, 3, 3), 0.45, slip=False),
+    "five contacts for each ball": lambda: bare("fcc", (2, 3, 3), 0.4),
+    "loose, a mechanism": lambda: bare("fcc", (2, 3, 3), 0.25),
+    "shears that turn balls against each other": lambda: bare("square", (4, 4)),
+    "rows that turn as gears do": lambda: bare("kagome", (2, 2), slip=False),
+}
+
+
+def find_all(network):
+    """All that long waves find, or its error."""
+    lattice = ContactLattice._make_of_network(network)
+
+    def find(value):
+        try:
+            return value()
+        except GranphonError as error:
+            return f"{type(error).__name__}: {error}"
+
+    return {
+        "mechanism": lattice.mechanism, "warnings": lattice.loose_warnings, "part": lattice._with_sound[1],
+        "tensor": find(lattice.elastic_tensor),
+        "sound": find(lambda: lattice.sound_velocities(np.eye(lattice.periods)[0])[0]),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_sparse_factors_have_the_digits_of_dense_singular_values(case, monkeypatch):
+    network = CASES[case]()
+    monkeypatch.setattr(long_waves, "MANY_COLUMNS", 10**9)
+    dense = find_all(network)
+    monkeypatch.setattr(long_waves, "MANY_COLUMNS", 0)
+    monkeypatch.setattr("granphon.dynamics.fronts._FEW_BALLS", 4)  # so that few balls are cut too
+    sparse = find_all(network)
+    for name, wanted in dense.items():
+        if isinstance(wanted, np.ndarray):
+            assert_allclose(sparse[name], wanted, rtol=0.0, atol=2e-13 * np.max(np.abs(wanted)))
+        else:
+            assert sparse[name] == wanted
+
+
+@pytest.mark.parametrize("case", [case for case in CASES if case.endswith("a mechanism")])
+def test_mechanisms_are_among_the_cases(case):
+    assert str(find_all(CASES[case]())["tensor"]).startswith("MechanismError")
+
+
+def test_a_crystal_in_a_large_cell_has_its_moduli_and_velocities():
+    state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice="fcc", friction=True)).at_force(10.0)
+    network = state.network.repeat((4, 4, 4))
+    assert ContactLattice.from_network(network)._is_large
+    assert_allclose(gp.moduli(network).tensor, gp.moduli(state.network).tensor, atol=1e-13 * gp.moduli(state).tensor.max())
+    direction = [1.0, 2.0, 0.5]
+    wanted = gp.sound_velocities(state.network, direction).velocities
+    assert_allclose(gp.sound_velocities(network, direction).velocities, wanted, rtol=1e-13)
+
+
+def test_the_network_keeps_the_factors_and_progress_is_told(monkeypatch):
+    network, steps = random_network("fcc", (4, 4, 4)), []
+
+    class Told:
+        def step(self, label, total=None):
+            steps.append([label, total, 0])
+            return self
+
+        def advance(self, amount=1.0):
+            steps[-1][2] += amount
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *error):
+            return None
+
+    found = gp.moduli(network, progress=Told())
+    ((_, total, done),) = steps
+    assert total == done > 1
+    monkeypatch.setattr(sparse_relaxation, "Fronts", None)
+    assert_allclose(gp.moduli(network).tensor, found.tensor, rtol=0.0)
+    gp.sound_velocities(network, [1.0, 0.0, 0.0], progress=Told())
+    assert len(steps) == 1
+
+
+def test_an_inner_motion_that_a_static_force_pushes_over_is_an_error(monkeypatch):
+    # one ball of many: its contacts push it aside more than they hold it, and sound of the others is not what fails
+    monkeypatch.setattr(long_waves, "MANY_COLUMNS", 0)
+    state = gp.AveragedLattice(gp.Packing(STEEL, 8e-3, lattice="fcc", friction=False)).at_force(10.0)
+    network = replace(state.network.repeat((3, 3, 3)), lattice=None, shape=None, prestress=True)
+    pressed = (network.i == 5) | (network.j == 5)
+    force = np.where(pressed, network.normal_stiffness * network.distance, 1e-3 * network.normal_force)
+    with pytest.raises(InstabilityError, match=r"q = \(0, 0, 0\)"):
+        gp.sound_velocities(replace(network, normal_force=force), [1.0, 0.0, 0.0])
+
+
+# -- factors ----------------------------------------------------------------------------------------------------------------
+
+
+def make_graph(n, seed=0):
+    """Balls in a box with periods, and the pairs that are near."""
+    places = np.random.default_rng(seed).uniform(0.0, 1.0, (n, 3))
+    apart = places[:, None] - places
+    distance = np.linalg.norm(apart - np.rint(apart), axis=2)
+    i, j = np.nonzero(np.triu(distance < 1.3 * n ** (-1 / 3), 1))
+    return places, i, j
+
+
+def test_layers_cut_balls_into_halves_that_do_not_touch():
+    places, i, j = make_graph(300)
+    layers = dissect(places, i, j)
+    assert_allclose(np.sort(np.concatenate([layer.balls for layer in layers])), np.arange(300))
+    below: list[set[int]] = []
+    touching = [*zip(i.tolist(), j.tolist(), strict=True), *zip(j.tolist(), i.tolist(), strict=True)]
+    for layer in layers:
+        inside = set(layer.balls.tolist()).union(*(below[half] for half in layer.halves))
+        outside = {other for one, other in touching if one in inside} - inside
+        assert set(layer.beyond.tolist()) == outside
+        for half in layer.halves:
+            assert set(layers[half].beyond.tolist()).isdisjoint(*(below[other] for other in layer.halves if other != half))
+        below.append(inside)
+    assert len(layers) > 10
+
+
+@pytest.mark.parametrize("rank", [0, 3])
+def test_factors_solve_and_leave_motions_that_cost_nothing(rank):
+    places, i, j = make_graph(120)
+    rng, n, count = np.random.default_rng(1), 120, 2
+    rows = np.zeros((4 * len(i), n * count))
+    for row in range(len(rows)):
+        for end in (i, j):
+            ball = end[row % len(i)]
+            rows[row, count * ball : count * ball + count] = rng.normal(size=count)
+    loose = np.array([7, 100, 101])[:rank]
+    rows[:, loose] = 0.0
+    rows /= np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
+    matrix = rows.T @ rows
+    fronts = Fronts(csr_array(matrix), dissect(places, i, j), count)
+    assert sorted(fronts.left.tolist()) == loose.tolist()
+    wanted = rng.normal(size=(n * count, 2))
+    wanted[loose] = 0.0
+    assert_allclose(fronts.solve(matrix @ wanted), wanted, atol=1e-11)
+    assert_allclose(rows @ fronts.follow(), 0.0, atol=1e-14)
