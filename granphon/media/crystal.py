@@ -609,7 +609,8 @@ class Crystal(Result):
     def _constants(self) -> Array:
         """(4, n_c) E*, R, kappa/k and the modulus of twist of each contact."""
         pairs, number = self._pairs
-        return np.array([ContactConstants.of(ball, other) for ball, other, _, _ in pairs])[number].T
+        each = [ContactConstants.of(ball, other) for ball, other, _, _ in pairs]
+        return np.reshape(each, (-1, 4))[number].T
 
     @cached_property
     def ball_motions(self) -> Motions:

@@ -2,10 +2,15 @@
 
 A contact at rest has the overlap h_0 and the force f_0; it is stretched by e, so that its overlap is h = h_0 - e. It pushes
 by its law and is open where that is zero. Slip, twist and rolling s are resisted by forces T whose stiffness is in
-proportion to the normal stiffness, k_t = eta k(h): dT = k_t ds while k rises, and the elastic part T/k_t is kept while k
-falls. Slip ends at Coulomb's limit |T| <= mu f. It is the law of :mod:`granphon.array.friction`. Dashpots add tau k(h) times
-the rate of an elongation (G. Kuwabara and K. Kono, Jpn. J. Appl. Phys. 26, 1230, 1987), and tau' k_t(h) times those of other
-deformations.
+proportion to that of a flat punch as wide as the contact, k_t = eta 2 E* a(h), which without adhesion is the normal
+stiffness k: dT = k_t ds while a rises, and the elastic part T/k_t is kept while a falls. Slip ends at Coulomb's limit
+|T| <= mu f, of the force f of the law, without that of dashpots. It is the law of :mod:`granphon.array.friction`. Dashpots
+add tau k(h) times the rate of an elongation (G. Kuwabara and K. Kono, Jpn. J. Appl. Phys. 26, 1230, 1987), and tau' k_t(h)
+times those of other deformations.
+
+Some laws jump: of balls that adhere, the force is not zero where they touch or part. Such a contact is joined or not. It
+joins where the balls come to touch, and parts where the law ends, which may be farther apart: what that takes of the energy
+is lost. Forces are those of contacts as they are joined, until a step ends at which they join or part.
 """
 
 from __future__ import annotations
@@ -17,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls import hertz
-from granphon.base.arrays import Array
+from granphon.base.arrays import Array, Index
 from granphon.base.compiled import compiled
 from granphon.media.crystal_statics import Springs
 
@@ -44,8 +49,14 @@ class Powers:
         self.root, self.rest = share(np.maximum(np.sqrt(overlap), _NONE)), share(coefficient * overlap**exponent)
         self._fall, self._rise = share(-coefficient), share(hertz.stiffness_of(coefficient))
 
-    def press(self, e: Array, out: Any = None) -> tuple[Array, Array]:
-        """Return f - f_0, without a difference of near-equal forces, and the stiffness of contacts; in ``out``."""
+    #: contacts whose force jumps, and whether the law knows the radius of its contacts
+    jumps, know_radii = np.zeros(0, np.intp), False
+
+    def press(self, e: Array, out: Any = None, joined: Any = None) -> tuple[Array, Array]:
+        """Return f - f_0, without a difference of near-equal forces, and the stiffness of contacts; in ``out``.
+
+        ``joined`` (n,) says of contacts whose force jumps whether they are joined; by default all are.
+        """
         change, k = (np.empty_like(e), np.empty_like(e)) if out is None else out
         a, c, rest = self.exponent, self.coefficient, self.overlap
         if a == hertz.EXPONENT:
@@ -60,13 +71,17 @@ class Powers:
             change[:], k[:] = np.where(rest > 0.0, part, c * h**a), np.where(h > 0.0, a * c * h ** (a - 1.0), 0.0)
         return change, k
 
-    def mean(self, e: Array, other: Array) -> Array:
+    def begin(self, e: Array) -> Any:
+        """Return which contacts are joined, as for :meth:`press`."""
+        return None
+
+    def mean(self, e: Array, other: Array, joined: Any = None) -> Array:
         """Return the mean of f - f_0 on the straight way from one elongation to another."""
         if self.exponent == hertz.EXPONENT:
             return self.coefficient * hertz.mean_force(self.overlap - e, self.overlap - other) - self.rest
         return _mean_of(self, e, other)
 
-    def store(self, e: Array) -> Array:
+    def store(self, e: Array, joined: Any = None) -> Array:
         """Return the energy of each contact and of its share of the load, J, since rest: zero at e = 0, and never below."""
         if self.exponent == hertz.EXPONENT:
             return np.asarray(self.coefficient * hertz.stretch(self.overlap, self.root, e))
@@ -74,7 +89,7 @@ class Powers:
         far = self.coefficient * (h ** (a + 1.0) - self.overlap ** (a + 1.0)) / (a + 1.0) + self.rest * e
         return _store_near(self, e, far)
 
-    def is_closed(self, e: Array) -> NDArray[np.bool_]:
+    def is_closed(self, e: Array, joined: Any = None) -> NDArray[np.bool_]:
         """Whether contacts are closed."""
         return np.asarray(e < self.overlap)
 
@@ -83,61 +98,118 @@ class PairLaws:
     """Normal forces by the laws of pairs (:class:`~granphon.balls.contact_laws.PairLaw`), each of some of the contacts.
 
     The last ``apart`` contacts are those of balls that may meet, which no load holds.
+
+    Attributes
+    ----------
+    jumps : numbers of the contacts whose force jumps where they join or part.
+    know_radii : whether some law knows the radius of its contacts.
     """
 
     def __init__(self, springs: Springs, overlap: Array, apart: int = 0) -> None:
         self.springs, self.overlap, self.rest = springs, overlap, springs.force(overlap)
+        self.apart, self.know_radii = apart, springs.know_radii
         start = np.maximum(overlap, springs.least)
         if apart:
             self.rest[-apart:], start[-apart:] = 0.0, np.maximum(springs.least[-apart:], -np.finfo(float).max)
         self._energy = springs.energy(start)
+        # what never opens has no end; a law that begins with zero has no jump, but for rounding
+        opens = springs.least > -np.inf
+        self._first = np.nextafter(springs.least, np.inf)
+        ends = self._first, np.nextafter(springs.touch, np.inf)
+        forces = [np.abs(springs.force(np.where(opens, end, 0.0))) for end in ends]
+        self.jumps: Index = np.flatnonzero(opens & (np.maximum(*forces) >= _NONE))
 
-    def press(self, e: Array, out: Any = None) -> tuple[Array, Array]:
+    def begin(self, e: Array) -> Any:
+        """Return which contacts are joined, as for :meth:`press`: those of the network, and of others those that touch."""
+        h = self.overlap - e
+        least = np.copy(self.springs.least)
+        if self.apart:
+            least[-self.apart :] = self.springs.touch[-self.apart :]
+        return h >= least if len(self.jumps) else None
+
+    def pass_ends(self, e: Array, joined: Array) -> Array:
+        """Return how far :attr:`jumps` have passed the overlap at which they join or part, m; below zero before it."""
+        at, springs = self.jumps, self.springs
+        h = self.overlap[at] - e[at]
+        return np.where(joined[at], springs.least[at] - h, h - springs.touch[at])
+
+    def _reach(self, e: Array) -> Array:
+        """Return overlaps at which laws are asked: those of jumps are where the law has not ended."""
+        h, at = self.overlap - e, self.jumps
+        h[at] = np.maximum(h[at], self._first[at])
+        return h
+
+    def _parted(self, joined: Any) -> Index:
+        """Return numbers of the jumps that are not joined."""
+        return self.jumps[:0] if joined is None else self.jumps[~joined[self.jumps]]
+
+    def press(self, e: Array, out: Any = None, joined: Any = None) -> tuple[Array, Array]:
         """As for :class:`Powers`."""
         change, k = (np.empty_like(e), np.empty_like(e)) if out is None else out
-        h = self.overlap - e
-        change[:], k[:] = self.springs.force(h) - self.rest, np.maximum(self.springs.stiffness(h), 0.0)
+        h, parted = self._reach(e), self._parted(joined)
+        change[:], k[:] = self.springs.force(h), np.maximum(self.springs.stiffness(h), 0.0)
+        change[parted] = k[parted] = 0.0
+        change -= self.rest
         return change, k
 
-    def mean(self, e: Array, other: Array) -> Array:
+    def punch(self, e: Array, out: Array, joined: Any = None) -> Array:
+        """Return stiffnesses 2 E* a of flat punches as wide as the contacts, N/m, in ``out``."""
+        out[:] = self.springs.punch(self._reach(e))
+        out[self._parted(joined)] = 0.0
+        return out
+
+    def mean(self, e: Array, other: Array, joined: Any = None) -> Array:
         """As for :class:`Powers`."""
-        return _mean_of(self, e, other)
+        return _mean_of(self, e, other, joined)
 
-    def store(self, e: Array) -> Array:
+    def store(self, e: Array, joined: Any = None) -> Array:
         """As for :class:`Powers`; below zero where contacts adhere. Where they have broken it is that at the break."""
-        far = self.springs.energy(np.maximum(self.overlap - e, self.springs.least)) - self._energy + self.rest * e
-        return _store_near(self, e, far)
+        h, parted = np.maximum(self.overlap - e, self.springs.least), self._parted(joined)
+        h[parted] = self.springs.least[parted]
+        far = self.springs.energy(h) - self._energy + self.rest * e
+        return _store_near(self, e, far, joined)
 
-    def is_closed(self, e: Array) -> NDArray[np.bool_]:
+    def is_closed(self, e: Array, joined: Any = None) -> NDArray[np.bool_]:
         """Whether contacts are closed."""
-        return np.asarray(self.overlap - e > self.springs.least)
+        closed = np.asarray(self.overlap - e > self.springs.least)
+        if joined is not None:
+            closed[self.jumps] = joined[self.jumps]
+        return closed
 
 
-def _level(law: Powers | PairLaws, e: Array, other: Array) -> Array:
+def _level(law: Powers | PairLaws, e: Array, other: Array, joined: Any) -> Array:
     """Return the mean of f - f_0 between elongations that are close."""
     middle, part = 0.5 * (e + other), _GAUSS * (other - e)
-    return np.asarray(0.5 * (law.press(middle - part)[0] + law.press(middle + part)[0]))
+    low, high = law.press(middle - part, None, joined)[0], law.press(middle + part, None, joined)[0]
+    return np.asarray(0.5 * (low + high))
 
 
-def _store_near(law: Powers | PairLaws, e: Array, far: Array) -> Array:
+def _store_near(law: Powers | PairLaws, e: Array, far: Array, joined: Any = None) -> Array:
     """Return the energies ``far``, but near rest, where they are differences of near-equal ones, that of the mean force."""
-    return np.where(np.abs(e) > _CLOSE * np.abs(law.overlap), far, -e * _level(law, np.zeros_like(e), e))
+    near = (np.abs(e) <= _CLOSE * np.abs(law.overlap)) & (law.overlap != 0.0) & law.is_closed(e, joined)
+    return np.where(near, -e * _level(law, np.zeros_like(e), e, joined), far)
 
 
-def _mean_of(law: Powers | PairLaws, e: Array, other: Array) -> Array:
+def _mean_of(law: Powers | PairLaws, e: Array, other: Array, joined: Any = None) -> Array:
     """Return the mean force: the change of the energy over that of e, where these are not close or a contact opens."""
     way = other - e
-    far = (np.abs(way) > _CLOSE * np.abs(law.overlap - e)) | (law.is_closed(e) != law.is_closed(other))
-    return np.divide(law.store(e) - law.store(other), way, out=_level(law, e, other), where=far)
+    far = (np.abs(way) > _CLOSE * np.abs(law.overlap - e)) | (law.is_closed(e, joined) != law.is_closed(other, joined))
+    change = law.store(e, joined) - law.store(other, joined)
+    return np.divide(change, way, out=_level(law, e, other, joined), where=far)
 
 
 class Touch(NamedTuple):
-    """Contacts at a moment: elongations e (n,), ``pull`` (rows, n) of f - f_0 and forces T of slips, then of the others, and
-    normal stiffnesses k (n,)."""
+    """Contacts at a moment.
+
+    They have elongations e (n,), ``pull`` (rows, n) of f - f_0 and forces T of slips, then of the others, normal stiffnesses
+    k (n,), those of flat ``punch`` es as wide (n,), and are ``joined`` (n,), or None where no force jumps.
+    """
 
     e: Array
     pull: Array
     k: Array
+    punch: Array
+    joined: Any
 
 
 class ContactForces:
@@ -146,7 +218,7 @@ class ContactForces:
     Attributes
     ----------
     normal : the law of the normal forces.
-    ratio : (rows - 1, n) stiffnesses against slip, twist and rolling over the normal one; slips come first.
+    ratio : (rows - 1, n) stiffnesses against slip, twist and rolling over those of flat punches; slips come first.
     slips : number of slips.
     mu : of Coulomb's limit.
     times : (2,) tau of dashpots, or (2, n), s.
@@ -162,9 +234,23 @@ class ContactForces:
 
         ``held`` are the tangential forces at rest.
         """
-        touch = Touch(e, np.empty((1 + len(held), len(e))), np.empty_like(e))
+        touch = self.take(e, self.normal.begin(e))
         self.follow(touch, touch, moved, held)  # as stiff before as they have become
         return touch
+
+    def take(self, e: Array, joined: Any, spare: Touch | None = None) -> Touch:
+        """Return contacts at e that are ``joined``, to be set; ``spare`` is written over."""
+        if spare is not None:
+            return Touch(e, spare.pull, spare.k, spare.punch, joined)
+        k = np.empty_like(e)
+        punch = np.empty_like(e) if self.normal.know_radii else k
+        return Touch(e, np.empty((1 + len(self.ratio), len(e))), k, punch, joined)
+
+    def press(self, touch: Touch) -> None:
+        """Set normal forces and stiffnesses."""
+        self.normal.press(touch.e, (touch.pull[0], touch.k), touch.joined)
+        if isinstance(self.normal, PairLaws) and self.normal.know_radii:
+            self.normal.punch(touch.e, touch.punch, touch.joined)
 
     def follow(self, before: Touch, after: Touch, moved: Array, held: Array) -> float:
         """Set forces and stiffnesses of contacts ``after`` deformations (rows - 1, n) on the way to their elongations, and
@@ -172,20 +258,40 @@ class ContactForces:
 
         ``held`` are the tangential forces before, as they have turned.
         """
-        self.normal.press(after.e, (after.pull[0], after.k))
+        self.press(after)
         slides = self.slips if self.mu < math.inf else 0
-        return _resist(after.pull, after.k, before.k, moved, held, self._half, self._rest, slides, self.mu)
+        return _resist(after.pull, after.punch, before.punch, moved, held, self._half, self._rest, slides, self.mu)
 
-    def damp(self, k: Array, rates: Array) -> Array:
+    def pass_ends(self, e: Array, joined: Any) -> Array:
+        """Return how far contacts whose force jumps have passed where they join or part, m; below zero before it."""
+        return self.normal.pass_ends(e, joined) if isinstance(self.normal, PairLaws) else np.zeros(0)
+
+    def switch(self, touch: Touch) -> tuple[Touch, Index, float]:
+        """Return contacts after those have joined or parted that have passed their ends, which ones, and the energy lost, J.
+
+        Contacts that part have no force of slip, twist and roll any more.
+        """
+        normal = self.normal
+        at = normal.jumps[self.pass_ends(touch.e, touch.joined) > 0.0]
+        joined = touch.joined.copy()
+        joined[at] = ~joined[at]
+        found = self.take(touch.e, joined)
+        found.pull[1:] = touch.pull[1:]
+        found.pull[1:, at] = 0.0
+        self.press(found)
+        lost = normal.store(touch.e, touch.joined)[at] - normal.store(touch.e, joined)[at]
+        return found, at, float(np.sum(lost))
+
+    def damp(self, touch: Touch, rates: Array) -> Array:
         """Return what dashpots add to a ``pull`` (rows, n) at the ``rates`` (rows, n) of deformations."""
-        out = rates * k
-        out[0] *= -self.times[0]
-        out[1:] *= self.times[1] * self.ratio
+        out = np.empty_like(rates)
+        out[0] = -self.times[0] * touch.k * rates[0]
+        out[1:] = self.times[1] * self.ratio * touch.punch * rates[1:]
         return out
 
-    def springs(self, pull: Array, k: Array) -> float:
+    def springs(self, touch: Touch) -> float:
         """Return the energy of slip, twist and rolling, J."""
-        t, stiffness = pull[1:], 2.0 * self.ratio * k
+        t, stiffness = touch.pull[1:], 2.0 * self.ratio * touch.punch
         return float(np.sum(np.divide(t * t, stiffness, out=np.zeros_like(t), where=stiffness > 0.0)))
 
 
@@ -193,7 +299,7 @@ class ContactForces:
 def _resist(
     pull: Array, k: Array, before: Array, moved: Array, held: Array, half: Array, rest: Array, slides: int, mu: float
 ) -> float:  # fmt: skip
-    """Set the tangential forces in a ``pull`` as :meth:`ContactForces.follow`, with normal stiffnesses and those before.
+    """Set the tangential forces in a ``pull`` as :meth:`ContactForces.follow`, with stiffnesses of punches and those before.
 
     Coulomb's limit is that of the first ``slides`` rows. Contacts are taken in parts, on whose rows the processor works
     several numbers at a time.

@@ -62,18 +62,18 @@ class FixedDirections:
     ----------
     count : number of deformations of a contact.
     slips : number of slips among them, which come first after the elongation.
-    ratio : (count - 1, n_c) stiffnesses of the others over the normal one.
+    ratio : (count - 1, n_c) stiffnesses of the others over those of flat punches as wide as the contacts, ``punch`` (n_c,).
     held, load : (count - 1, n_c) forces across contacts at rest, and (size,) those of the loads that hold the balls against
         them.
     way, turned : (count - 1, n_c) slips, twists and rolls of a step, and the forces across contacts as they turn in its
         first half.
     """
 
-    def __init__(self, operator: WaveOperator, moved: list[tuple[Index, Array]]) -> None:
+    def __init__(self, operator: WaveOperator, moved: list[tuple[Index, Array]], punch: Array) -> None:
         network, self.operator, rows = operator.network, operator, operator.law_rows
         self.count, self.slips = len(rows), sum(row.kind == "slip" for row in rows)
         n = network.n_contacts
-        self.ratio = np.array([row.stiffness / network.normal_stiffness for row in rows[1:]]).reshape(-1, n)
+        self.ratio = np.array([row.stiffness / punch for row in rows[1:]]).reshape(-1, n)
         self._forward = operator.compose(rows)
         #: forces of a pull: f - f_0 pushes, and T resists
         self._back = self._forward.T.tocsr()
@@ -148,8 +148,9 @@ class FixedDirections:
 class TrueDirections:
     """Deformations in the true directions. Slips and rolls are vectors: slip has three rows, twist one, roll three.
 
-    ``rest`` (n_c,) are the normal forces of the network at rest, and ``more`` contacts (i, j, shift, kappa/k) besides, which
-    begin to push where the distance of two balls is that of their radii and a ``bulge``. Their twists and rolls are resisted
+    ``rest`` (n_c,) are the normal forces of the network at rest, ``punch`` (n_c,) stiffnesses of flat punches as wide as its
+    contacts, and ``more`` contacts (i, j, shift, kappa over that) besides, which begin to push where the distance of two
+    balls is that of their radii and a ``bulge``. Their twists and rolls are resisted
     as in the mean of contacts, with the square of the distance of the balls.
     """
 
@@ -157,7 +158,7 @@ class TrueDirections:
 
     def __init__(
         self, operator: WaveOperator, fixed: FixedDirections, moved: list[tuple[Index, Array]], rest: Array,
-        more: tuple[Index, Index, Index, Array], bulge: float,
+        punch: Array, more: tuple[Index, Index, Index, Array], bulge: float,
     ) -> None:  # fmt: skip
         network, self.top, self._driven, self._balls = operator.network, fixed.top, moved, operator.network.n_balls
         (i, j, shift, ratio), extra = more, len(more[0])
@@ -178,10 +179,10 @@ class TrueDirections:
         r = np.ascontiguousarray(np.concatenate([vectors, apart]).T)
         length, other = np.sqrt(np.sum(r * r, axis=0)), np.where(flat, 0.0, 1.0 - near)
         self._start = _Start(ends, r, length, gap, flat, near, other, np.append(rest, np.zeros(extra)))
-        slip = np.append(network.shear_stiffness / network.normal_stiffness, ratio)
+        slip = np.append(network.shear_stiffness / punch, ratio)
         own, new = np.split(arms**2, [network.n_contacts])
         twist, roll = (
-            np.append(one := each / network.normal_stiffness, np.mean(one / own) * new)
+            np.append(one := each / punch, np.mean(one / own) * new)
             for each in (network.torsion_stiffness, network.bending_stiffness)
         )
         rows = 7 if np.any(twist) or np.any(roll) else 3

@@ -16,6 +16,10 @@ velocity and the geometry at the middle, and of each contact the mean force: of 
 that of the overlap, of others the mean of both ends. What forces then do is what energies change by (the discrete gradient
 of D. Greenspan, Discrete Models, 1973, and O. Gonzalez, J. Nonlinear Sci. 6, 449, 1996), so that the sum closes to rounding,
 with losses too. They are implicit, and solved by iteration.
+
+Where the force of a contact jumps, as that of balls that adhere does when they touch or part, a step ends, and the next has
+the other force: so both schemes stay of second order. The instant is that at which the way of the balls, as the step has it,
+comes to the overlap of the jump.
 """
 
 from __future__ import annotations
@@ -25,14 +29,14 @@ import os
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from granphon.balls import hertz
 from granphon.balls.ball import RIGID_PLANE
-from granphon.balls.contact_laws import DMT, JKR, Hertz, PowerLaw, law_between
+from granphon.balls.contact_laws import DMT, JKR, Hertz, PowerLaw, law_between, punch_stiffness
 from granphon.balls.contact_table import find_pairs, select_once
 from granphon.balls.hertz import HertzLaw
 from granphon.base.arrays import Array, Index
@@ -71,6 +75,10 @@ _SKIN = 0.2
 _SOLVED, _ROUNDED, _ITERATIONS = 1e-14, 1e-9, 50
 #: relative difference of coefficients of contacts, over the roots of their radii, that are those of one material
 _ALIKE = 1e-2
+#: share of a step in which contacts that join or part do so at once: of the energy of a jump within a step, no more is lost
+_TOGETHER = 1e-6
+#: how often a contact joins and parts in a step, from which it rattles there
+_RATTLES = 20
 
 
 @dataclass(frozen=True)
@@ -151,10 +159,12 @@ class NonlinearWaves:
         return self.normal.overlap
 
     def _find_laws(self, law: Any, state: CrystalState | None, unloaded: bool) -> Powers | PairLaws:
-        """Return the laws of the contacts; keep them, and what finds the law of two kinds that meet, and kappa/k."""
+        """Return the laws of the contacts; keep them, what finds the law of two kinds that meet, kappa/2E*a, and E*, and the
+        stiffnesses 2E*a of contacts at rest."""
         network, force, stiffness = self.network, self.network.normal_force, self.network.normal_stiffness
         self._known: Powers | Springs
-        self._find: Callable[..., tuple[Any, Any]]
+        self._find: Callable[..., tuple[Any, Any, Any]]
+        self.punch = stiffness
         pairs = self._group(network.i, network.j)
         crystal = state.crystal if state is not None and law is None else law
         if isinstance(crystal, Crystal) and not (unloaded and law is not None):
@@ -164,7 +174,12 @@ class NonlinearWaves:
             elif not network.kinds or not set(network.kinds) <= set(kinds):
                 raise InputError("the balls of the network are not of the kinds of the crystal", mend="Give a law")
             self._find = lambda name, other: crystal.contact_model.law_of(kinds[name], kinds[other])
-            self._known = Springs([(self._find(*pair)[0], at) for pair, at in pairs.items()], force.size)
+            groups, modulus = list[tuple[Any, Index]](), np.ones(force.size)
+            for pair, at in pairs.items():
+                found, _, modulus[at] = self._find(*pair)
+                groups.append((found, at))
+            self._known = Springs(groups, force.size, modulus)
+            self._rest_on(self._known)
             return _take_laws(self._known, self._known.overlap(np.zeros_like(force) if unloaded else force))
         eta = network.shear_stiffness / stiffness
         if unloaded or isinstance(law, DMT | JKR):
@@ -172,9 +187,20 @@ class NonlinearWaves:
             raise InputError(f"law is {brief(law)}", why, "Give the law to the Crystal, and the Crystal here")
         if not isinstance(law, Hertz | PowerLaw | None):
             one = law_between(law, RIGID_PLANE, RIGID_PLANE)
-            self._find = lambda *pair: (one, np.mean(eta[pairs.get(pair, slice(None))]))
-            self._known = Springs([(one, np.arange(force.size))], force.size)
-            return _take_laws(self._known, np.asarray(one.overlap(force), float))
+            overlap = np.asarray(one.overlap(force), float)
+            # of balls that are not known, a modulus with which punches are as stiff at rest as contacts
+            radius = punch_stiffness(one, overlap, 0.5)
+            modulus = 0.5 * np.asarray(one.stiffness(overlap)) / np.where(radius > 0.0, radius, np.inf)
+            self._known = Springs([(one, np.arange(force.size))], force.size, modulus)
+            self._rest_on(self._known)
+            eta = network.shear_stiffness / self.punch
+
+            def find_alike(*pair: str) -> tuple[Any, Any, Any]:
+                alike = pairs.get(pair, slice(None))
+                return one, np.mean(eta[alike]), np.mean(modulus[alike])
+
+            self._find = find_alike
+            return _take_laws(self._known, overlap)
         if not np.all(force > 0.0):
             what = f"{np.count_nonzero(force <= 0.0)} of {force.size} contacts have no force"
             raise InputError(what, "Their overlap is not known", "Press the network, leave them out, or give a Crystal")
@@ -185,30 +211,36 @@ class NonlinearWaves:
         self._sizes = np.ones_like(network.radii) if isinstance(law, PowerLaw) else network.radii
         each = powers.coefficient / _root_radius(self._sizes, network.i, network.j)
 
-        def find(*pair: str) -> tuple[Any, Any]:
+        def find(*pair: str) -> tuple[Any, Any, Any]:
             alike = pairs.get(pair, slice(None))
             if np.ptp(each[alike]) > _ALIKE * np.mean(each[alike]):
                 raise InputError(f"contacts of {pair} have no law that is known", mend="Give a Crystal")
-            return np.mean(each[alike]), np.mean(eta[alike])
+            return np.mean(each[alike]), np.mean(eta[alike]), 1.0
 
         self._find = find
         return powers
 
+    def _rest_on(self, springs: Springs) -> None:
+        """Keep the stiffnesses 2 E* a of the contacts under their forces at rest."""
+        if springs.know_radii:
+            self.punch = springs.punch(springs.overlap(self.network.normal_force))
+
     def _join_laws(self, i: Index, j: Index) -> tuple[Powers | PairLaws, Array, list[tuple[Index, str]]]:
-        """Return the laws of the contacts and of pairs (i, j) beside, which just touch, and kappa/k of these pairs.
+        """Return the laws of the contacts and of pairs (i, j) beside, which just touch, and kappa/2E*a of these pairs.
 
         Pairs without a law do not push: the numbers of their contacts come with what is wrong once they meet.
         """
         known, n, groups, unknown = self._known, self.network.n_contacts, [], list[tuple[Index, str]]()
-        overlap, ratio = np.append(self.overlap, np.zeros(len(i))), np.zeros(len(i))
+        overlap, ratio, modulus = np.append(self.overlap, np.zeros(len(i))), np.zeros(len(i)), np.ones(len(i))
         for pair, at in self._group(i, j).items():
             try:
-                law, ratio[at] = self._find(*pair)
+                law, ratio[at], modulus[at] = self._find(*pair)
                 groups.append((law, n + at))
             except InputError as error:
                 unknown.append((n + at, str(error).rstrip(".")))
         if isinstance(known, Springs):
-            return _take_laws(Springs([*known.groups, *groups], len(overlap)), overlap, len(i)), ratio, unknown
+            both = Springs([*known.groups, *groups], len(overlap), np.append(known.modulus, modulus))
+            return _take_laws(both, overlap, len(i)), ratio, unknown
         coefficient = np.append(known.coefficient, np.zeros(len(i)))
         for each, at in groups:
             coefficient[at] = each * _root_radius(self._sizes, i[at - n], j[at - n])
@@ -240,7 +272,8 @@ class NonlinearWaves:
         drive : a :class:`Drive`, or several.
         frames : number of times that are kept, the start and the end among them.
         step : s, of which a frame has a whole number; by default a sixtieth of the shortest period that the stiffest contact
-            allows. It is halved, and the run begins anew, if contacts become much stiffer.
+            allows. It is halved, and the run begins anew, if contacts become much stiffer. A step is cut where a contact
+            whose force jumps closes or opens.
         scheme : "verlet", explicit and symplectic, whose sum of energies differs from a constant by the square of the step,
             and wanders where contacts open; or "midpoint", implicit, four to six times the work, whose sum of energies is
             constant to rounding, with losses.
@@ -296,7 +329,7 @@ class NonlinearWaves:
                     stopped = _CTRL_C
                 except _Stop as stop:
                     stopped = str(stop)
-            if stopped in (_TOO_LONG, _UNSOLVED) and step is None and wanted > least:
+            if stopped in (_TOO_LONG, _UNSOLVED, _RATTLED) and step is None and wanted > least:
                 wanted *= 0.5
                 continue
             if (sentence := check_limit("contact_radius", system.widest).warning) is not None:
@@ -308,7 +341,11 @@ class NonlinearWaves:
             return kept.join()
 
     def find_step(self, speed: float = 0.0) -> float:
-        """Return the step, s, of a run from rest, or in which the heaviest ball has a ``speed``, m/s."""
+        """Return the step, s, of a run from rest, or in which the heaviest ball has a ``speed``, m/s, zero or above.
+
+        Raises :class:`~granphon.base.errors.InputError` for another speed, and where no contact is pressed at it.
+        """
+        speed = not_negative("speed", speed, "m/s")
         system, masses = _System(self, []), self.network.masses[self.network.moving]
         return system.choose_step(np.zeros(system.operator.size), 0.5 * float(np.max(masses)) * speed**2)
 
@@ -333,7 +370,8 @@ class _Stop(Exception):
 _NOTHING = np.zeros(0)
 _CTRL_C = "Ctrl-C"
 _TOO_LONG = "the step is too long for contacts that have become stiffer"
-_UNSOLVED = "an implicit step has no solution, as where contacts that adhere break: scheme: verlet makes it"
+_UNSOLVED = "an implicit step has no solution: scheme: verlet makes it"
+_RATTLED = "a contact whose force jumps opens and closes many times in a step"
 
 
 def _take_laws(springs: Springs, overlap: Array, apart: int = 0) -> Powers | PairLaws:
@@ -350,6 +388,33 @@ def _take_laws(springs: Springs, overlap: Array, apart: int = 0) -> Powers | Pai
 def _root_radius(radii: Array, i: Index, j: Index) -> Array:
     """Return the root of the radius R of contacts, 1/R = 1/R_i + 1/R_j."""
     return np.asarray(1.0 / np.sqrt(1.0 / radii[i] + 1.0 / radii[j]))
+
+
+class _Trial(NamedTuple):
+    """A step that ends with these ways and forces of drives, after the motions (size,) ``moved``, with contacts ``at`` there.
+
+    An implicit one also has its mean acceleration, contacts ``touch``, the work of slip, twist and roll, the mean forces of
+    dashpots, and the forces that resist drives.
+    """
+
+    step: float
+    ways: Array
+    lifts: Array
+    moved: Array
+    at: Moment
+    acceleration: Any = None
+    touch: Any = None
+    spent: float = 0.0
+    dash: Any = None
+    resist: Any = None
+
+
+def _find_stiffest(normal: Powers | PairLaws, e: Array) -> Array:
+    """Return the larger of normal stiffnesses and those of flat punches as wide as the contacts, N/m."""
+    _, stiffness = normal.press(e)
+    if isinstance(normal, PairLaws) and normal.know_radii:
+        stiffness = np.maximum(stiffness, normal.punch(e, np.empty_like(stiffness)))
+    return stiffness
 
 
 class _System:
@@ -385,7 +450,7 @@ class _System:
             raise InputError(what, "It moves as that says, whatever acts on it", "Give it one drive")
         self.network = replace(network, masses=masses) if self.moved else network
         self.operator = operator = WaveOperator(self.network)
-        self.fixed = FixedDirections(operator, self.moved)
+        self.fixed = FixedDirections(operator, self.moved, waves.punch)
         self._ways = [one.displacement for one in drives if one.displacement is not None]
         self._lifts = [one.force for one in drives if one.force is not None]
         self._push = np.reshape([operator.push(*one, 1.0 / np.sqrt(masses[one[0]])) for one in pushed], (-1, operator.size))
@@ -403,7 +468,7 @@ class _System:
         if waves.geometry == "exact":
             normal, ratio, self._unknown = waves._join_laws(i, j) if len(i) else (normal, np.zeros(0), [])
             more = (i, j, shift, ratio)
-            self.where: Any = TrueDirections(self.operator, self.fixed, self.moved, waves.normal.rest, more, self._bulge)
+            self.where: Any = TrueDirections(self.operator, self.fixed, self.moved, waves.normal.rest, waves.punch, more, self._bulge)
         else:
             self.where = self.fixed
         times = waves.damping
@@ -452,7 +517,7 @@ class _System:
             deep = depths[middle]
             short = normal.store(-deep) + normal.rest * deep < energy
             low, high = np.where(short, middle + 1, low), np.where(short, high, middle)
-        _, stiffness = normal.press(np.minimum(-depths[low], e))
+        stiffness = _find_stiffest(normal, np.minimum(-depths[low], e))
         if np.any(self.waves.gravity):  # what a ball of this network falls by its own size presses
             stiffness = np.maximum(stiffness, self.network.normal_stiffness)
         top = self._top(stiffness)
@@ -475,17 +540,14 @@ class _System:
         self._begin(x, v, step)
         self._keep(0, kept)
         yield False
-        limit, advance = 2.0 * math.pi / _LEAST_STEPS / step, self._leap if scheme == "verlet" else self._solve
+        limit, explicit = 2.0 * math.pi / _LEAST_STEPS / step, scheme == "verlet"
         for number in range(1, each * (count - 1) + 1):
-            ways, lifts = self._follow(number * step)
             if self.waves.geometry == "exact":
-                self._watch(ways)
-            moved = advance(ways, lifts)
-            if len(lifts):
-                self.worked[2] += float(0.5 * (self.lifts + lifts) @ (self._push @ moved))
-            self.ways, self.lifts = ways, lifts
+                self._watch(self._follow(number * step)[0])
+            self._advance(number * step, explicit)
             if number % each == 0:
-                if not (self._top(self.touch.k) <= limit and np.all(np.isfinite(self.v))):
+                stiffest = np.maximum(self.touch.k, self.touch.punch)
+                if not (self._top(stiffest) <= limit and np.all(np.isfinite(self.v))):
                     raise _Stop(_TOO_LONG)
                 self._keep(number, kept)
                 yield True
@@ -508,14 +570,24 @@ class _System:
         where.step(still, self.at, np.zeros((where.count, len(self.at.e))))
         self.touch = forces.begin(self.at.e, where.way, where.held)
         nothing = np.zeros(self.network.n_contacts)
-        self._at_rest = forces.springs(np.concatenate([nothing[None], where.held]), forces.normal.press(nothing)[1])
+        rest = forces.take(nothing, None)
+        forces.press(rest)
+        rest.pull[1:] = where.held
+        self._at_rest = forces.springs(rest)
         if self.waves.geometry == "exact":
             self._list()
             where, forces = self.where, self.forces
-        # of slip, twist and roll, of dashpots, and of drives
-        self.worked, self._springs = np.zeros(3), forces.springs(self.touch.pull, self.touch.k)
-        self.dash = forces.damp(self.touch.k, where.rate(self.at, v, np.zeros_like(self.ways))) if forces.is_damped else 0.0
-        pull = self.touch.pull + self.dash if forces.is_damped else self.touch.pull
+        # of slip, twist and roll, of dashpots, of drives, and of contacts that join and part
+        self.worked, self._springs = np.zeros(4), forces.springs(self.touch)
+        self._start(np.zeros_like(self.ways))
+
+    def _start(self, speeds: Array) -> None:
+        """Set what a step begins with, at these speeds of the drives."""
+        where, forces, pull = self.where, self.forces, self.touch.pull
+        self.dash = 0.0
+        if forces.is_damped:
+            self.dash = forces.damp(self.touch, where.rate(self.at, self.v, speeds))
+            pull = pull + self.dash
         self.acceleration, self.resist = self._act(self.at, pull, self.lifts)
         self.last = self.acceleration
 
@@ -527,76 +599,138 @@ class _System:
             found += lifts @ self._push
         return found, resist
 
-    def _leap(self, ways: Array, lifts: Array) -> Array:
-        """Make a step of Verlet's, and return what has moved."""
-        where, forces, old_at, old, step = self.where, self.forces, self.at, self.touch, self.step
+    def _advance(self, end: float, explicit: bool) -> None:
+        """Make a step that ends at a time, in parts where contacts join or part within it."""
+        left, jumps, often = self.step, self.forces.normal.jumps, np.zeros(0)
+        while left > 0.0:
+            trial = self._try(left, end, explicit)
+            if len(jumps) and self._passed(trial.at) > 0.0:
+                trial = self._cut(trial, end, explicit)
+            speeds = (trial.ways - self.ways) / trial.step
+            if explicit:
+                self._leap(trial)
+            else:
+                self._settle(trial)
+            if len(trial.lifts):
+                self.worked[2] += float(0.5 * (self.lifts + trial.lifts) @ (self._push @ trial.moved))
+            self.ways, self.lifts = trial.ways, trial.lifts
+            left -= trial.step
+            if len(jumps) and self._passed(self.at) > 0.0:
+                self.touch, switched, lost = self.forces.switch(self.touch)
+                self.worked[3] += lost
+                self._start(speeds)
+                often = np.bincount(switched, minlength=len(self.touch.e)) + (often if len(often) else 0)
+                if np.max(often) > _RATTLES:
+                    raise _Stop(_RATTLED)
+
+    def _passed(self, at: Moment) -> float:
+        """Return how far the first of the contacts has passed where it joins or parts, m; below zero before it."""
+        return float(np.max(self.forces.pass_ends(at.e, self.touch.joined)))
+
+    def _cut(self, trial: _Trial, end: float, explicit: bool) -> _Trial:
+        """Return the part of a step in which the first contacts come to where they join or part.
+
+        It is found by the rule of false position (the Illinois method), to a small share of the step.
+        """
+        whole, start = trial.step, end - trial.step
+        low, high, side = 0.0, whole, 0
+        before, after = self._passed(self.at), self._passed(trial.at)
+        near = _TOGETHER * self.step
+        while high - low > near:
+            middle = low - before * (high - low) / (after - before)
+            middle = min(max(middle, low + 0.5 * near), high - 0.5 * near)
+            passed = self._passed(self._try(middle, start + middle, explicit).at)
+            if passed > 0.0:
+                high, after = middle, passed
+                before *= 0.5 if side == 1 else 1.0
+                side = 1
+            else:
+                low, before = middle, passed
+                after *= 0.5 if side == -1 else 1.0
+                side = -1
+        return self._try(whole, end, explicit) if whole - high < near else self._try(high, start + high, explicit)
+
+    def _try(self, step: float, end: float, explicit: bool) -> _Trial:
+        """Return where a ``step`` that ends at a time would come to."""
+        ways, lifts = self._follow(end)
+        if not explicit:
+            return self._solve(step, ways, lifts)
         # half of the kick, and the way that all balls go
+        moved = step * (self.v + 0.5 * step * self.acceleration)
+        return _Trial(step, ways, lifts, moved, self.where.locate(self.x + moved, ways, self._spare[0]))
+
+    def _leap(self, trial: _Trial) -> None:
+        """Make a step of Verlet's."""
+        where, forces, old_at, old, step, at = self.where, self.forces, self.at, self.touch, trial.step, trial.at
         kick = 0.5 * step * self.acceleration
         self.v += kick
-        moved = step * self.v
-        self.x += moved
+        self.x += trial.moved
         # contacts follow: their slips, how their forces turn, and the forces
-        at, self.touch, spent = self._follow_balls(self.x, ways)
+        self.touch, spent = self._follow_balls(at)
         where.turn_on(self.touch.pull, at)
         self.at, pull, self._spare = at, self.touch.pull, (old_at, old)
         self.worked[0] += spent
+        way = trial.ways - self.ways
         if forces.is_damped:
             # the speed at the end of the step, but for what dashpots change within it
-            rate = where.rate(at, self.v + kick, (ways - self.ways) / step)
-            before, self.dash = self.dash, forces.damp(self.touch.k, rate)
+            rate = where.rate(at, self.v + kick, way / step)
+            before, self.dash = self.dash, forces.damp(self.touch, rate)
             pull = pull + self.dash
             mean = 0.5 * (before + self.dash) if np.shape(before) == self.dash.shape else self.dash
             self.worked[1] += _lose(mean, at.e - old.e, where.way)
         # the other half
-        self.acceleration, resist = self._act(at, pull, lifts)
+        self.acceleration, resist = self._act(at, pull, trial.lifts)
         np.multiply(0.5 * step, self.acceleration, out=kick)
         self.v += kick
-        self.worked[2] += 0.5 * (self.resist + resist) @ (ways - self.ways)
+        self.worked[2] += 0.5 * (self.resist + resist) @ way
         self.resist = resist
-        return moved
 
-    def _follow_balls(self, x: Array, ways: Array) -> tuple[Moment, Touch, float]:
-        """Return contacts when balls have come to ``x``, their forces half turned, and the work of slip, twist and roll."""
-        where, old, (spare_at, spare) = self.where, self.touch, self._spare
-        at = where.locate(x, ways, spare_at)
-        touch = Touch(at.e, *((np.empty_like(old.pull), np.empty_like(old.k)) if spare is None else spare[1:]))
+    def _follow_balls(self, at: Moment) -> tuple[Touch, float]:
+        """Return contacts when balls have come to a moment, their forces half turned, and the work of slip, twist, roll."""
+        where, old = self.where, self.touch
+        touch = self.forces.take(at.e, old.joined, self._spare[1])
         where.step(self.at, at, old.pull)
-        return at, touch, self.forces.follow(old, touch, where.way, where.turned)
+        return touch, self.forces.follow(old, touch, where.way, where.turned)
 
-    def _solve(self, ways: Array, lifts: Array) -> Array:
-        """Make an implicit step, whose energies add up, and return what has moved."""
-        where, forces, old_at, old, step = self.where, self.forces, self.at, self.touch, self.step
+    def _solve(self, step: float, ways: Array, lifts: Array) -> _Trial:
+        """Return where an implicit ``step``, whose energies add up, comes to."""
+        where, forces, old_at, old = self.where, self.forces, self.at, self.touch
         guess, change = 2.0 * self.acceleration - self.last, math.inf
         for _ in range(_ITERATIONS):
             moved = step * (self.v + 0.5 * step * guess)
-            at, touch, spent = self._follow_balls(self.x + moved, ways)
-            pull = np.concatenate([forces.normal.mean(old.e, at.e)[None], 0.5 * (where.turned + touch.pull[1:])])
+            at = where.locate(self.x + moved, ways, self._spare[0])
+            touch, spent = self._follow_balls(at)
+            mean = forces.normal.mean(old.e, at.e, old.joined)
+            pull, dash = np.concatenate([mean[None], 0.5 * (where.turned + touch.pull[1:])]), None
             if forces.is_damped:
-                dash = forces.damp(0.5 * (old.k + touch.k), np.concatenate([(at.e - old.e)[None], where.way]) / step)
+                half = touch._replace(k=0.5 * (old.k + touch.k), punch=0.5 * (old.punch + touch.punch))
+                dash = forces.damp(half, np.concatenate([(at.e - old.e)[None], where.way]) / step)
                 pull += dash
             found, resist = self._act(at, pull, 0.5 * (self.lifts + lifts), old_at)
             last, change = change, float(np.max(np.abs(found - guess)))
             size = max(float(np.max(np.abs(found))), float(np.max(np.abs(self.v))) / step)
             if change <= _SOLVED * size or last <= change <= _ROUNDED * size:
-                break
+                return _Trial(step, ways, lifts, moved, at, guess, touch, spent, dash, resist)
             guess = found
-        else:
-            raise _Stop(_UNSOLVED)
-        where.turn_on(touch.pull, at)
-        self.last, self.acceleration, self.at, self.touch = self.acceleration, guess, at, touch
-        self.x += moved
-        self.v += step * guess
-        self.worked[0] += spent
-        if forces.is_damped:
-            self.worked[1] += _lose(dash, touch.e - old.e, where.way)
-        self.worked[2] += resist @ (ways - self.ways)
-        return moved
+        raise _Stop(_UNSOLVED)
+
+    def _settle(self, trial: _Trial) -> None:
+        """Make the implicit step that has been solved last."""
+        where, old, touch = self.where, self.touch, trial.touch
+        where.turn_on(touch.pull, trial.at)
+        self.last, self.acceleration, self.at, self.touch = self.acceleration, trial.acceleration, trial.at, touch
+        self.x += trial.moved
+        self.v += trial.step * trial.acceleration
+        self.worked[0] += trial.spent
+        if trial.dash is not None:
+            self.worked[1] += _lose(trial.dash, touch.e - old.e, where.way)
+        self.worked[2] += trial.resist @ (trial.ways - self.ways)
 
     def _keep(self, number: int, kept: Frames) -> None:
         """Keep the frame after this number of steps."""
         touch, normal, step, operator = self.touch, self.forces.normal, self.step, self.operator
-        square, springs = self.v * self.v, self.forces.springs(touch.pull, touch.k)
-        stored = float(np.sum(normal.store(touch.e))) + springs - self._at_rest - float(self._weight @ self.x)
+        square, springs = self.v * self.v, self.forces.springs(touch)
+        stored = float(np.sum(normal.store(touch.e, touch.joined))) + springs - self._at_rest - float(self._weight @ self.x)
         wide = self._wide * np.sqrt(np.maximum(normal.overlap - touch.e, 0.0))
         self.widest = max(self.widest, float(np.max(wide, initial=0.0)))
         time, both = number * step, (self._displace(), operator.to_balls(self.v))
@@ -611,9 +745,9 @@ class _System:
                 "translation": 0.5 * float(np.sum(square[~operator.is_rotation])),
                 "rotation": 0.5 * float(np.sum(square[operator.is_rotation])),
                 "stored": stored + self.where.rest_energy(self.at),
-                "lost": self.worked[0] - (springs - self._springs) + self.worked[1], "work": self.worked[2],
+                "lost": self.worked[0] - (springs - self._springs) + self.worked[1] + self.worked[3], "work": self.worked[2],
             },
-            np.where(normal.is_closed(touch.e), touch.pull[0] + normal.rest, 0.0),
+            np.where(normal.is_closed(touch.e, touch.joined), touch.pull[0] + normal.rest, 0.0),
             np.sqrt(np.sum(touch.pull[1 : 1 + self.where.slips] ** 2, axis=0)), list(self._keys),
         )  # fmt: skip
 
@@ -684,12 +818,15 @@ class _System:
         self._keys = {key: n + place for place, key in enumerate(keys)}
         self._join(table[:, 0], table[:, 1], table[:, 2:])
         self.at = self.where.locate(self.x, self.ways)
-        change, k = self.forces.normal.press(self.at.e)
-        pull = np.zeros((self.where.count, len(self.at.e)))
         old = np.flatnonzero(before >= 0)
+        joined = self.forces.normal.begin(self.at.e)
+        if joined is not None and touch.joined is not None:
+            joined[:n], joined[n + old] = touch.joined[:n], touch.joined[before[old]]
+        self.touch = self.forces.take(self.at.e, joined)
+        pull = self.touch.pull
+        pull[:] = 0.0
         pull[:, :n], pull[:, n + old] = touch.pull[:, :n], touch.pull[:, before[old]]
-        pull[0] = change
-        self.touch = Touch(self.at.e, pull, k)
+        self.forces.press(self.touch)
 
 
 def _lose(dash: Array, stretched: Array, moved: Array) -> float:
