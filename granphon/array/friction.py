@@ -40,9 +40,6 @@ from granphon.base.arrays import Array
 
 #: root of an overlap that stands for none where it divides
 _TINY = 1e-150
-#: fraction of the mean normal force below which a contact does not count as one that carries load: the place of a ball that
-#: is held so weakly is not unique
-LEAST_CONTACT = 1e-6
 #: |T| over mu f, below one by no more than rounding, from which a contact slides
 SLIDES = 1.0 - 1e-9
 
@@ -96,7 +93,7 @@ class Contacts:
     def carried(self) -> NDArray[np.bool_]:
         """(n_c, L1, ..., Lp) whether each contact counts as one that carries load."""
         forces = self.forces
-        return np.asarray(forces > LEAST_CONTACT * np.mean(forces))
+        return np.asarray(forces > hertz.COUNTED_FORCE * np.mean(forces))
 
 
 @dataclass(frozen=True, eq=False)

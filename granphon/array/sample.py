@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike
 
 from granphon.array.atoms import SAMPLE, count_coordinates, take_arrays
 from granphon.array.equilibrium import Equilibrium, equilibrate
-from granphon.array.friction import LEAST_CONTACT
 from granphon.array.geometry import ReducedLoad
 from granphon.array.true_equilibrium import TrueEquilibrium, equilibrate_exactly
 from granphon.balls.contact_model import ContactModel
 from granphon.balls.contact_table import contact_frames
+from granphon.balls.hertz import COUNTED_FORCE
 from granphon.balls.lattices import BALL
 from granphon.balls.packing import MINDLIN, Packing
 from granphon.base.arrays import Array
@@ -155,7 +155,7 @@ class Sample(Result):
         """Rms deviation of the forces of single contacts from the mean force, divided by the mean force."""
         return float(np.std(self.equilibrium.excess)) / self.equilibrium.force
 
-    def contact_fraction(self, threshold: float = LEAST_CONTACT) -> float:
+    def contact_fraction(self, threshold: float = COUNTED_FORCE) -> float:
         """Return N_c / z, the fraction of contacts that carry more than ``threshold`` times the mean force (1e-6)."""
         least = not_negative("threshold", threshold)
         return float(np.mean(self.equilibrium.forces > least * self.equilibrium.force))
@@ -167,7 +167,7 @@ class Sample(Result):
         Raises :class:`~granphon.base.errors.InputError` if ``bins`` is no whole number above zero, or the range is empty.
         """
         forces = self.equilibrium.forces
-        forces = forces[forces > LEAST_CONTACT * self.equilibrium.force] / self.equilibrium.force
+        forces = forces[forces > COUNTED_FORCE * self.equilibrium.force] / self.equilibrium.force
         return find_density(forces, bins, least, largest)
 
     @cached_property
@@ -295,7 +295,7 @@ class Sample(Result):
         forces = self.equilibrium.forces / self.equilibrium.force
         stencils = self.equilibrium.stencils
         balls.set_array("contact_force", self._order(stencils.average_around(forces)).ravel())
-        balls.set_array("contacts", self._order(stencils.around((forces > LEAST_CONTACT).astype(int))).ravel())
+        balls.set_array("contacts", self._order(stencils.around((forces > COUNTED_FORCE).astype(int))).ravel())
         balls.info["relative_overlap"] = self.overlap / d
         return balls
 

@@ -31,6 +31,14 @@ FREQUENCY_EXPONENT = (EXPONENT - 1.0) / (2.0 * EXPONENT)
 MUCH_LARGER = math.sqrt(10.0)
 #: largest radius of a contact, over that of the balls, up to which it is the small spot that Hertz's law assumes
 MOST_CONTACT_RADIUS = 0.1
+#: force of a contact, over the mean of all, above which it is counted as one that carries load: a convention, as the places
+#: of balls that are held more weakly are not unique
+COUNTED_FORCE = 1e-6
+#: stiffness of a contact, over that under the mean force, up to which it holds no ball: one that softer contacts alone hold
+#: has less than a twentieth of the frequencies of others
+_HOLDING_STIFFNESS = 2e-3
+#: the force of such a contact over the mean, as stiffness goes as f^(1/3)
+HOLDING_FORCE = _HOLDING_STIFFNESS ** (EXPONENT / (EXPONENT - 1.0))
 #: least normal number of double precision; smaller numbers have lost digits
 LEAST_NORMAL = np.finfo(float).tiny
 

@@ -50,6 +50,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.balls.diameters import Shape
+from granphon.balls.hertz import COUNTED_FORCE
 from granphon.base.arrays import Array
 from granphon.base.errors import PrecisionError
 from granphon.base.results import read_only
@@ -78,8 +79,6 @@ _SETTLED = 1e-5
 _BALANCED = 1e-8
 #: numbers in the matrices that are worked on at a time
 _AT_ONCE = 2**18
-#: part of the mean force below which a contact does not count, as in a simulation
-LEAST_CONTACT = 1e-6
 
 
 class PointSource:
@@ -371,4 +370,4 @@ class ClusterBalance:
         square = np.mean(phi**2, axis=1)
         miss = np.stack([force.mean(axis=1), np.mean(phi * s, axis=1), square], axis=1)
         central = force[:, self.response.central]
-        return miss, by, float(np.sum(square)), central.mean(axis=1), np.mean(central > LEAST_CONTACT * f, axis=1)
+        return miss, by, float(np.sum(square)), central.mean(axis=1), np.mean(central > COUNTED_FORCE * f, axis=1)

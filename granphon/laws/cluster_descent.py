@@ -26,9 +26,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.balls.diameters import Shape
+from granphon.balls.hertz import COUNTED_FORCE
 from granphon.base.arrays import Array
 from granphon.base.threads import share_out
-from granphon.laws.cluster_balance import LEAST_CONTACT, Balance, ClusterBalance, PointSource
+from granphon.laws.cluster_balance import Balance, ClusterBalance, PointSource
 
 Single = NDArray[np.float32]
 #: number of steps of a short descent; its overlaps are within 1e-2 of the rms of the equilibrium's
@@ -179,7 +180,7 @@ class ClusterDescent:
                 mean, ball = (force @ self._weights).T.astype(float)
                 pull, square = (np.einsum("nc,nc->n", phi, one) / n_c for one in (misfits[part], phi))
                 miss = np.stack([mean - f, pull, (square - (kappa * tau) ** 2) / (2.0 * kappa * tau)], axis=1)
-                contacts = np.mean(force[:, self._central] > LEAST_CONTACT * f, axis=1)
+                contacts = np.mean(force[:, self._central] > COUNTED_FORCE * f, axis=1)
                 row[part, : _MISS.start] = np.stack([ball - miss @ found.influence, ball, ball**2, contacts], axis=1)
                 row[part, _MISS] = miss
         return rows

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from granphon.balls.ball import RIGID_PLANE
 from granphon.balls.contact_model import ContactModel
 from granphon.balls.contact_table import TOUCH, repeat_contacts, require_joined
+from granphon.balls.hertz import HOLDING_FORCE
 from granphon.balls.lattices import Lattice
 from granphon.balls.layers import Layers, find_axes, find_faces, read_edges
 from granphon.balls.material import Material
@@ -49,8 +50,6 @@ _STRAY = 0.25
 _FLAT = 1e-9
 #: greatest part of a tangential force along the normal: the rounding in a file
 _ALONG = 1e-2
-#: force, over the mean of all contacts that are pressed, up to which a contact carries no load
-LEAST_LOAD = 1e-6
 #: sum of the forces on a ball, over the sum of their sizes, or over the mean force of a contact, up to which they are in
 #: balance: programs of discrete elements leave 1e-4 or less, and weights, walls or digits that a file lacks leave more
 _BALANCED = 1e-3
@@ -373,8 +372,9 @@ class ContactNetwork(Result):
         """Indices of the balls that carry no load: balls with too few contacts to be held, then balls that have too few
         contacts without them, and so on.
 
-        A contact counts if its force is above 1e-6 of the mean of all; if no contact of the network has a force, all
-        contacts count, as if their forces were equal. See :meth:`without_rattlers`. A wall is no rattler.
+        A contact counts if its force is above 8e-9 of the mean of all. Under less, a contact of Hertz's law, whose stiffness
+        goes as the third root of its force, is less than 2e-3 as stiff as under the mean. If no contact of the network has a
+        force, all contacts count, as if their forces were equal. See :meth:`without_rattlers`. A wall is no rattler.
         """
         return read_only(self._find_rattlers())
 
@@ -382,7 +382,7 @@ class ContactNetwork(Result):
         slips = not np.any(self.shear_stiffness)
         least = (self.dimension + 1 if slips else 2) if held_by is None else held_by
         weight = self.normal_force if np.any(self.normal_force > 0.0) else np.ones(self.n_contacts)
-        live = weight > LEAST_LOAD * np.mean(weight, where=weight > 0.0) if len(weight) else np.zeros(0, bool)
+        live = weight > HOLDING_FORCE * np.mean(weight, where=weight > 0.0) if len(weight) else np.zeros(0, bool)
         i, j, n, weight = self.i[live], self.j[live], self.n_balls, weight[live]
         push = weight[:, None] * self.normal[live]
         count = np.bincount(i, minlength=n) + np.bincount(j, minlength=n)

@@ -30,12 +30,13 @@ from study_simulation import PACKINGS, UNIT, WIDTH, mean_and_error
 
 import granphon as gp
 from granphon.array.equilibrium import Equilibrium, equilibrate
-from granphon.array.friction import LEAST_CONTACT, PressedArray
+from granphon.array.friction import PressedArray
 from granphon.array.geometry import ExactGeometry, ReducedLoad
 from granphon.array.history import LoadingHistory
 from granphon.array.pressed_sample import PressedEquilibrium
 from granphon.array.stencils import Stencils
 from granphon.array.true_equilibrium import equilibrate_exactly
+from granphon.balls.hertz import COUNTED_FORCE
 from granphon.base.errors import ConvergenceError
 from granphon.dynamics.elasticity import bulk_and_shear
 from granphon.figures.style import BLUE, DPI, GREEN, GUIDE, PAGE_WIDTH, SKY_BLUE, STYLE, VERMILION, save_figure
@@ -195,7 +196,7 @@ def medium_rise(spacings: Sequence[float] | Array = SPACINGS) -> Array:
 def carried(mu: float) -> tuple[Array, Array]:
     """Part of the contacts that carries load, at :data:`FORCES`."""
     return over_samples([
-        np.array([np.mean(one.forces > LEAST_CONTACT * one.force) for one in by_force(mu, seed)])
+        np.array([np.mean(one.forces > COUNTED_FORCE * one.force) for one in by_force(mu, seed)])
         for seed in range(SAMPLES)
     ])  # fmt: skip
 

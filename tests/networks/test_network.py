@@ -227,6 +227,36 @@ def test_rattlers_are_found_one_after_the_other():
     np.testing.assert_array_equal(make(balls, contacts, slip=0.5, masses=walls).rattlers, [9])
 
 
+@pytest.mark.parametrize(("weak", "left_out"), [(5e-7, 0), (1e-7, 0), (1.1e-8, 0), (1e-9, 18), (1e-12, 18)])
+def test_contacts_hold_as_their_stiffness_says(weak, left_out):
+    """Every other row of a crystal carries load, and holds the balls between by weak contacts of Hertz's law.
+
+    Lines of contacts, each under a force of its own, are at rest. A contact under 1e-6 of the mean force has 1 % of its
+    stiffness, without which rows move sideways at no cost.
+    """
+    n, d = 6, 8e-3
+    whole = gp.ContactLattice.of("triangular", 0.0).contact_network(gp.Units(d, 3e6, 2e-3)).repeat((n, n))
+    along = np.abs(whole.normal[:, 0]) > 0.9
+    force = np.where(along & (whole.i % n % 2 == 0), 1.0, weak)
+    tables = (
+        {"x": whole.positions[:, 0], "y": whole.positions[:, 1], "radius": whole.radii, "mass": whole.masses},
+        {
+            "i": whole.i, "j": whole.j, "normal_force": force, "normal_stiffness": 3e6 * np.cbrt(force),
+            **{f"shift_{axis + 1}": whole.shift[:, axis] for axis in range(2)},
+        },
+    )  # fmt: skip
+    options = {"cell": whole.cell[:2, :2], "friction": False}
+    read, every = (gp.ContactNetwork.from_table(*tables, keep_rattlers=keep, **options) for keep in (False, True))
+    assert (read.left_out, read.n_balls) == (left_out, n * n - left_out)
+    exact = np.linalg.eigvalsh(gp.Waves(every).operator.matrix.toarray())
+    mean, mass = np.mean(every.normal_stiffness[force == 1.0]), whole.masses[0]
+    if left_out:  # what is neglected is less than this of the squared frequencies of the rows
+        assert np.max(every.normal_stiffness[force < 1.0]) < 2e-3 * mean
+        return
+    assert np.count_nonzero(exact < 1e-3 * (3.0 * weak) ** (1.0 / 3.0) * mean / mass) == 2
+    np.testing.assert_allclose(gp.Waves(read).modes(1).frequencies, np.sqrt(exact[2]) / (2.0 * np.pi), rtol=1e-6)
+
+
 @pytest.mark.parametrize(("friction", "balls"), [(True, 9), (False, 9), (True, 2)])
 def test_error_of_a_free_chain_says_what_mends_it(friction, balls):
     tables = {"x": np.arange(balls) * 7.9e-3, "radius": [4e-3] * balls}, {"i": range(balls - 1), "j": range(1, balls)}
