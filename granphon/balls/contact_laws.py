@@ -24,7 +24,15 @@ from numpy.typing import ArrayLike
 
 from granphon.balls.ball import Body, ContactConstants
 from granphon.balls.hertz import (
-    ENERGY, FORCE, LEAST_NORMAL, SLOPE, STIFFNESS, EnergyLaw, HertzLaw, require_finite, require_pushing,
+    ENERGY,
+    FORCE,
+    LEAST_NORMAL,
+    SLOPE,
+    STIFFNESS,
+    EnergyLaw,
+    HertzLaw,
+    require_finite,
+    require_pushing,
 )  # fmt: skip
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief

@@ -468,7 +468,9 @@ class _System:
         if waves.geometry == "exact":
             normal, ratio, self._unknown = waves._join_laws(i, j) if len(i) else (normal, np.zeros(0), [])
             more = (i, j, shift, ratio)
-            self.where: Any = TrueDirections(self.operator, self.fixed, self.moved, waves.normal.rest, waves.punch, more, self._bulge)
+            self.where: Any = TrueDirections(
+                self.operator, self.fixed, self.moved, waves.normal.rest, waves.punch, more, self._bulge
+            )
         else:
             self.where = self.fixed
         times = waves.damping
