@@ -107,14 +107,14 @@ class Equilibrium(Result):
     In arrays of contacts the first axis is the kind of contact, in the order of the lattice's table: (n_c, L1, ..., Lp).
     """
 
-    deviations: Annotated[Array, "..."]
-    overlap: float
-    balls: Array
-    residual: float = math.inf
+    deviations: Annotated[Array, "...", "", "finite"]
+    overlap: Annotated[float, "", "", "finite"]
+    balls: Annotated[Array, "", "", "finite"]
+    residual: Annotated[float, "", "", "zero or above, or infinite"] = math.inf
     newton: int = 0
     conjugate: int = 0
     lattice: Lattice = TRIANGULAR
-    ratio: float = 0.0
+    ratio: Annotated[float, "", "", "zero or above"] = 0.0
 
     def __reduce__(self) -> tuple[Any, ...]:
         # keep derivatives already found: each costs a linear response, and another process may have asked for them

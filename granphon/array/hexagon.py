@@ -67,19 +67,19 @@ class PressedHexagon(Result):
 
     packing: Packing
     balls_per_side: int
-    side_force: Annotated[float, "", "N"]
-    sites: Annotated[Array, "b 2", "m"]
-    deviations: Annotated[Array, "b", "m"]
-    displacements: Annotated[Array, "b 2", "m"]
-    retreats: Annotated[Array, "6", "m"]
+    side_force: Annotated[float, "", "N", "above zero"]
+    sites: Annotated[Array, "b 2", "m", "finite"]
+    deviations: Annotated[Array, "b", "m", "finite"]
+    displacements: Annotated[Array, "b 2", "m", "finite"]
+    retreats: Annotated[Array, "6", "m", "finite"]
     i: Annotated[Index, "c"]
     j: Annotated[Index, "c"]
-    normal: Annotated[Array, "c 2"]
+    normal: Annotated[Array, "c 2", "", "finite"]
     ball: Annotated[Index, "w"]
     wall: Annotated[Index, "w"]
-    forces: Annotated[Array, "c", "N"]
-    wall_forces: Annotated[Array, "w", "N"]
-    wall_coefficient: Annotated[float, "", "N/m^(3/2)"]
+    forces: Annotated[Array, "c", "N", "finite"]
+    wall_forces: Annotated[Array, "w", "N", "finite"]
+    wall_coefficient: Annotated[float, "", "N/m^(3/2)", "above zero"]
     residual: float
 
     @property

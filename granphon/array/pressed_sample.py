@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -57,14 +57,14 @@ class PressedEquilibrium(Equilibrium):
     steps : number of steps of the load since the start.
     """
 
-    rotations: Array = field(default_factory=lambda: np.zeros(0))
-    shears: Array = field(default_factory=lambda: np.zeros(0))
-    mindlin_ratio: float = 0.0
-    friction_coefficient: float = math.inf
-    work: float = 0.0
-    slid: float = 0.0
-    loosened: float = 0.0
-    damped: float = 0.0
+    rotations: Annotated[Array, "", "", "finite"] = field(default_factory=lambda: np.zeros(0))
+    shears: Annotated[Array, "", "", "finite"] = field(default_factory=lambda: np.zeros(0))
+    mindlin_ratio: Annotated[float, "", "", "zero or above"] = 0.0
+    friction_coefficient: Annotated[float, "", "", "zero or above, or infinite"] = math.inf
+    work: Annotated[float, "", "", "finite"] = 0.0
+    slid: Annotated[float, "", "", "finite"] = 0.0
+    loosened: Annotated[float, "", "", "finite"] = 0.0
+    damped: Annotated[float, "", "", "finite"] = 0.0
     steps: int = 0
 
     @classmethod

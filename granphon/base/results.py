@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass
 from html import escape
@@ -13,7 +13,7 @@ from typing import Annotated, Any, ClassVar, Self, Union, cast, get_args, get_or
 import numpy as np
 
 from granphon.base.errors import GranphonError, InputError, brief
-from granphon.base.text import damage_error, digest, list_names, require_schema, show
+from granphon.base.text import damage_error, digest, list_names, require_schema, show, warn_unverified
 
 #: most letters of a value, and most entries of an array or a tuple that are all written out
 _MOST_LETTERS, _MOST_ENTRIES = 160, 6
@@ -21,6 +21,13 @@ _MOST_LETTERS, _MOST_ENTRIES = 160, 6
 _ABOUT = ("schema", "units", "digest")
 #: the kinds of entries, as NumPy's letters have them, from which an array of a kind is made
 _KINDS = {"b": "b", "i": "iu", "f": "iuf", "c": "c"}
+#: ranges of the numbers of a field, by the words that an annotation has
+_RANGES: dict[str, Callable[[Any], Any]] = {
+    "finite": np.isfinite,
+    "zero or above": lambda values: np.isfinite(values) & (values >= 0.0),
+    "zero or above, or infinite": lambda values: values >= 0.0,
+    "above zero": lambda values: np.isfinite(values) & (values > 0.0),
+}
 #: types of values that plain data hold as they are
 _SCALARS = frozenset({str, float, int, bool, NoneType})
 
@@ -105,8 +112,10 @@ def read_only(values: Any, dtype: Any = None) -> np.ndarray[Any, Any]:
 class Result:
     """Base of the frozen result classes.
 
-    An annotation ``Annotated[Array, "f n 3", "m/s"]`` says the shape of a field, and its SI unit if it has one; of a number
-    the shape is "". They are in ``units`` and ``_shapes`` of the class; those of properties are written there. When the
+    An annotation ``Annotated[Array, "f n 3", "m/s", "finite"]`` says the shape of a field, its SI unit, and the range of its
+    numbers where plain data are read, one of ``_RANGES``. What there is none of is left out at the end, and "" before; of a
+    number the shape is "". They are in ``_shapes``, ``units`` and ``_ranges`` of the class; the
+    units of properties are written there. When the
     meaning of a field changes, a subclass has a higher ``_schema``. ``_notebook_fields`` names properties, quick to find,
     that a notebook shows after the fields. Arrays are made read-only; scalars stay floats. Two results are equal if all
     their compared fields are equal, array by array; ``repr`` shows a large array by its shape.
@@ -120,14 +129,16 @@ class Result:
     _schema: ClassVar[int] = 1
     units: ClassVar[dict[str, str]] = {}
     _shapes: ClassVar[dict[str, str]] = {}
+    _ranges: ClassVar[dict[str, str]] = {}
     _notebook_fields: ClassVar[tuple[str, ...]] = ()
 
     def __init_subclass__(cls, array: str = "", **options: Any) -> None:
         super().__init_subclass__(**options)
         hints = get_annotations(cls, eval_str=True)
         told = {name: [word for word in _list_remarks(hint) if isinstance(word, str)] for name, hint in hints.items()}
-        cls._shapes = cls._shapes | {name: words[0] for name, words in told.items() if words and words[0]}
-        cls.units = cls.units | {name: unit for name, words in told.items() for unit in words[1:]}
+        for place, kept in enumerate(("_shapes", "units", "_ranges")):
+            own = {name: words[place] for name, words in told.items() if len(words) > place and words[place]}
+            setattr(cls, kept, getattr(cls, kept) | own)
         if array:
             cls.__array__ = lambda self, dtype=None, copy=None: np.array(getattr(self, array), dtype)  # type: ignore[attr-defined]
 
@@ -203,8 +214,9 @@ class Result:
         """Build a result from plain data: the inverse of :meth:`to_dict`.
 
         Raises :class:`~granphon.base.errors.InputError` if the data are of another class, of another schema, in other units,
-        or incomplete, if a field has another kind or shape than in the class, if there is a field that the class lacks, or
-        if the ``digest`` is not that of the data. Without a digest, damage that passes the other checks is not noticed.
+        or incomplete, if a field has another kind, shape or range than in the class, if there is a field that the class
+        lacks, or if the ``digest`` is not that of the data. Without a digest, damage that passes the other checks is not
+        noticed, and there is an :class:`~granphon.base.errors.UnverifiedFileWarning`.
         """
         given: dict[str, Any] = dict(data) if isinstance(cast("object", data), Mapping) else {}
         if _read_class_name(given) != cls.__name__:
@@ -221,6 +233,8 @@ class Result:
         if units != restored._field_units():
             mend = "Use the units that to_dict gives: other units are not converted"
             raise InputError(f"the units of the {cls.__name__} data are not those of the class", mend=mend)
+        if "digest" not in data:
+            warn_unverified(f"a {cls.__name__} in plain data")
         return restored
 
     def _field_units(self) -> dict[str, str]:
@@ -245,6 +259,11 @@ class Result:
                 wanted = layout.replace("|", ") or (")
                 what = f"{name} of the {type(self).__name__} has the shape {found} instead of ({wanted})"
                 raise InputError(what, so_far and f"The other fields have {so_far}")
+        for name, within in self._ranges.items():
+            values = np.asarray(getattr(self, name))
+            if values.dtype.kind in "iufc" and np.any(wrong := ~_RANGES[within](values)):
+                what = f"{name} of the {type(self).__name__} is {describe_value(values[wrong].flat[0])}"
+                raise InputError(what, mend=f"Give numbers that are {within}")
 
     def _require_finite(self) -> None:
         """Raise :class:`~granphon.base.errors.InputError` if an array among ``_shapes`` holds an infinity or a nan."""

@@ -25,8 +25,8 @@ _ON_CIRCLE, _TOGETHER = 1e-7, 1e-7
 _LONG = 0.1
 #: eigenvalue of D of equal layers, over the largest, up to which it is the rounding of zero
 _FREE = 1e-13
-#: steps of Newton's method for long waves, which start with half of the digits or more
-_NEWTON = 3
+#: steps of Newton's method for long waves: each doubles the digits, of which the longest that are told apart start with one
+_NEWTON = 5
 #: singular value, over the largest, up to which a coupling has none
 _UNCOUPLED = 1e-12
 #: condition of the waves of one sense from which they are not told apart

@@ -64,9 +64,9 @@ class Modes(Result):
         and in space. The transverse part is the rest.
     """
 
-    wavevectors: Annotated[Array, "q p", "1/d"]
-    frequencies: Annotated[Array, "q b", "(k/M)^1/2"]
-    eigenvectors: Annotated[Complex, "q m b"]
+    wavevectors: Annotated[Array, "q p", "1/d", "finite"]
+    frequencies: Annotated[Array, "q b", "(k/M)^1/2", "zero or above"]
+    eigenvectors: Annotated[Complex, "q m b", "", "finite"]
     group_velocities: Annotated[Array, "q b p", "d (k/M)^1/2"]
     rotational_fraction: Annotated[Array, "q b"]
     longitudinal_fraction: Annotated[Array, "q b"]

@@ -21,6 +21,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Annotated
 
 import numpy as np
 
@@ -59,13 +60,13 @@ class LocalField(Result):
     bending, torsion : stiffness of a contact against rolling and against twist, over k d^2.
     """
 
-    alpha: float | None
-    beta: float | None
-    xi: float
-    mindlin_ratio: float
+    alpha: Annotated[float | None, "", "", "finite"]
+    beta: Annotated[float | None, "", "", "finite"]
+    xi: Annotated[float, "", "", "finite"]
+    mindlin_ratio: Annotated[float, "", "", "zero or above"]
     lattice: str
-    bending: float = 0.0
-    torsion: float = 0.0
+    bending: Annotated[float, "", "", "zero or above"] = 0.0
+    torsion: Annotated[float, "", "", "zero or above"] = 0.0
 
     @property
     def compliance(self) -> float:

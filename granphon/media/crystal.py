@@ -129,9 +129,9 @@ class Crystal(Result):
 
     kinds: tuple[Ball, ...]
     names: tuple[str, ...]
-    kind: Index
-    cell: Array
-    positions: Array
+    kind: Annotated[Index, "n"]
+    cell: Annotated[Array, "p d", "", "finite"]
+    positions: Annotated[Array, "n d", "", "finite"]
     contacts: ContactTable
     law: Hertz | PowerLaw | DMT | JKR | TabulatedLaw | tuple[tuple[tuple[str, str], PlainLaw], ...] | Any
     friction: bool
@@ -140,7 +140,7 @@ class Crystal(Result):
     bending: float
     name: str
     faces: tuple[Faces, ...]
-    deviations: Array | None
+    deviations: Annotated[Array | None, "n?", "", "finite"]
 
     def __init__(
         self, balls: Sequence[Ball], cell: ArrayLike, positions: ArrayLike, *, law: Any = None, friction: bool = True,
@@ -193,6 +193,30 @@ class Crystal(Result):
         made = object.__new__(cls)
         made._set(**{field.name: value for field, value in zip(fields(cls), values, strict=True)})
         return made
+
+    def _check(self) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` for what the constructor refuses or could not have found."""
+        super()._check()
+        read_rolling(f"the crystal {self.name!r}", self.dimension, self.motions, self.torsion, self.bending)
+        table, n, radii = self.contacts, self.n_balls, self._mean_radii
+        ends, allowed = np.concatenate([table.i, table.j, *(balls for face in self.faces for balls in face.balls)]), range(n)
+        apart = self.positions[table.j] + table.shift @ self.cell - self.positions[table.i]
+        small = TOUCH * float(np.mean(radii))
+        for holds, what in (
+            (np.all(np.isin(self.kind, range(len(self.kinds)))), "a ball has no kind"),
+            (len(self.names) == len(self.kinds), "there are not as many names as kinds"),
+            (np.all(np.isin(ends, allowed)), "a contact or a face names a ball that is not there"),
+            (np.all(np.abs(table.vector - apart) <= small), "a contact does not lead from ball to ball"),
+            (
+                np.all(np.abs(table.normal * np.linalg.norm(apart, axis=1)[:, None] - apart) <= small),
+                "a normal is not along it",
+            ),
+            (np.all(np.abs(table.arm_i - radii[table.i]) <= small), "an arm is not the radius"),
+            (np.all(np.abs(table.arm_j - radii[table.j]) <= small), "an arm is not the radius"),
+            (all(face.thickness > 0.0 and np.isfinite(face.thickness) for face in self.faces), "a cut has no thickness"),
+        ):
+            if not holds:
+                raise InputError(f"{what} in the data of the crystal {self.name!r}", mend="Make the crystal again")
 
     def _derive(self, **changes: Any) -> Self:
         """Return the crystal with other values of some attributes."""
@@ -1019,14 +1043,14 @@ class CrystalState(Result):
     """
 
     crystal: Crystal
-    normal_force: Annotated[Array, "... c", "N"]
-    overlap: Annotated[Array, "... c", "m"]
-    normal_stiffness: Annotated[Array, "... c", "N/m"]
-    normal: Annotated[Array, "... c d"]
-    displacements: Annotated[Array, "... n d", "m"]
-    stress: Annotated[Array, "... p p"]
-    strain: Annotated[Array, "... p p"]
-    ways: Annotated[Array, "... w", "m"]
+    normal_force: Annotated[Array, "... c", "N", "finite"]
+    overlap: Annotated[Array, "... c", "m", "finite"]
+    normal_stiffness: Annotated[Array, "... c", "N/m", "zero or above"]
+    normal: Annotated[Array, "... c d", "", "finite"]
+    displacements: Annotated[Array, "... n d", "m", "finite"]
+    stress: Annotated[Array, "... p p", "", "finite"]
+    strain: Annotated[Array, "... p p", "", "finite"]
+    ways: Annotated[Array, "... w", "m", "finite"]
     finite_overlap: bool = False
 
     def _field_units(self) -> dict[str, str]:

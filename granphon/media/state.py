@@ -13,7 +13,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -242,19 +242,18 @@ class ContactState(State, Result):
 
     follows_law = True
     units = {
-        "force": "N", "overlap": "m", "normal_stiffness": "N/m", "shear_stiffness": "N/m", "pressure": "N/m",
+        "shear_stiffness": "N/m", "pressure": "N/m",
         "relative_overlap": "1", "effective_density": "kg/m^3", "reduced_force": "1", "reduced_spacing": "1",
         "force_fluctuation": "1", "contact_fraction": "1", "stiffness_ratio": "1", "valid": "1",
     }  # fmt: skip
-    _shapes = {"force": "...", "overlap": "...", "normal_stiffness": "..."}
     _notebook_fields = ("shear_stiffness", "pressure")
 
     packing: Packing
     medium: str
     law: Law = field(repr=False)
-    force: Values
-    overlap: Values
-    normal_stiffness: Values
+    force: Annotated[Values, "...", "N", "above zero"]
+    overlap: Annotated[Values, "...", "m", "finite"]
+    normal_stiffness: Annotated[Values, "...", "N/m", "above zero"]
     finite_overlap: bool = False
     chosen_automatically: bool = False
 

@@ -77,9 +77,9 @@ class SoundVelocities(Result):
 
     longitudinal: Annotated[Any, "...?", "m/s"]
     transverse: Annotated[Any, "...|... 2?", "m/s"]
-    direction: Annotated[Array, "p|n p"]
+    direction: Annotated[Array, "p|n p", "", "finite"]
     warnings: tuple[str, ...]
-    velocities: Annotated[Array, "... u", "m/s"]
+    velocities: Annotated[Array, "... u", "m/s", "zero or above"]
     polarisations: Annotated[Array, "... u u"]
     longitudinal_error: Annotated[Any, "...?", "m/s"] = None
     transverse_error: Annotated[Any, "...|... 2?", "m/s"] = None
@@ -231,7 +231,7 @@ class Moduli(Result):
     units = {"bulk": "Pa", "shear": "Pa", "shears": "Pa"}
     _notebook_fields = ("bulk", "shear")
 
-    tensor: Annotated[Array, "... 3 3|... 6 6|... 1 1", "Pa"]
+    tensor: Annotated[Array, "... 3 3|... 6 6|... 1 1", "Pa", "finite"]
     isotropic: bool
     warnings: tuple[str, ...]
     bulk_error: Annotated[Any, "...?", "Pa"] = None

@@ -491,8 +491,8 @@ class NetworkModes(Result):
 
     _notebook_fields = ("warnings",)
 
-    frequencies: Annotated[Array, "m", "Hz"]
-    vectors: Annotated[Array, "m n c"]
+    frequencies: Annotated[Array, "m", "Hz", "zero or above"]
+    vectors: Annotated[Array, "m n c", "", "finite"]
     displacements: int
     moving: int
     zero_modes: int | None

@@ -17,7 +17,7 @@ from granphon.balls.lattices import one_direction
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, OutputError, brief
 from granphon.base.records import RecordFile, hold, read_records
-from granphon.base.results import Result, plain
+from granphon.base.results import Result, plain, restore
 from granphon.base.staging import explaining, put_beside
 from granphon.base.validation import index_array, number, one_of, positive, require, whole_number
 from granphon.networks.network import ContactNetwork
@@ -93,7 +93,7 @@ class Motion(Result):
             for name in ("i", "j", "shift", "labels"):
                 if name in own:
                     own[name] = own[name].astype(np.intp)
-            network = ContactNetwork.from_dict({"class": "ContactNetwork", **json.loads(about["network"]), **own})
+            network = restore({"class": "ContactNetwork", **json.loads(about["network"]), **own}, ContactNetwork)
             met: Any = found.pop("met", np.zeros((0, 2))).astype(np.intp)
             motion = cls(**found, network=network, met=met, step=float(about["step"]))
             motion._check()

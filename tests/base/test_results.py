@@ -18,7 +18,7 @@ from numpy.testing import assert_array_equal
 import granphon
 import granphon as gp
 from granphon.balls.loads import Load
-from granphon.base.errors import InputError, MissingFileError, Refused
+from granphon.base.errors import InputError, MissingFileError, Refused, UnverifiedFileWarning
 from granphon.base.results import Result, read_only
 from granphon.dynamics.contact_lattice import Modes
 from granphon.fits.fit import Fitted
@@ -281,6 +281,7 @@ def test_every_result_comes_back_from_plain_data(every):
         same(cls.from_dict(json.loads(json.dumps(result.to_dict()))), result)
 
 
+@pytest.mark.filterwarnings("ignore::granphon.base.errors.UnverifiedFileWarning")
 def test_damaged_plain_data_are_refused(every):
     rng = random.Random(0)
     wrongs = (..., None, "x", True, -1, math.nan, [], {}, [[1.0], 2.0], {"class": "Popen"}, 10**400, b"")
@@ -300,6 +301,61 @@ def test_damaged_plain_data_are_refused(every):
             # not every wrong number is noticed then, but what is, is said as it should be
             with contextlib.suppress(InputError):
                 assert type(cls.from_dict(damaged)) is cls
+
+
+def spoil(value, number):
+    """Plain data with another number in the first place; None if there is none."""
+    if isinstance(value, float | int) and not isinstance(value, bool):
+        return number
+    parts = list(enumerate(value)) if isinstance(value, list) else []
+    parts = list(value.items()) if isinstance(value, dict) and value.keys() == {"real", "imag"} else parts
+    found = next(((key, put) for key, part in parts if (put := spoil(part, number)) is not None), None)
+    return None if found is None else deep(value, found[:1], found[1])
+
+
+def test_numbers_out_of_range_are_refused_without_a_digest_too(every):
+    for cls, result in every.items():
+        data = json.loads(json.dumps(result.to_dict()))
+        del data["digest"]
+        for name, within in cls._ranges.items():
+            wrongs = {math.nan} | ({math.inf} if "infinite" not in within else set())
+            wrongs |= {-1.0} if "zero" in within else set()
+            wrongs |= {0.0} if within == "above zero" else set()
+            for wrong in wrongs if data[name] is not None and np.size(getattr(result, name)) else ():
+                with pytest.raises(InputError, match=name):
+                    cls.from_dict(data | {name: spoil(data[name], wrong)})
+
+
+STATES = gp.ContactState, gp.SimulatedState, gp.CrystalState, gp.Crystal, gp.ContactNetwork, gp.PressedHexagon
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, -1.0])
+def test_a_state_takes_no_stiffness_that_is_none(every, wrong):
+    """Bands would follow from it."""
+    for cls in STATES:
+        data = json.loads(json.dumps(every[cls].to_dict()))
+        for name in {"normal_stiffness", "shear_stiffness", "torsion", "wall_coefficient"} & data.keys():
+            spoiled = {**data, name: spoil(data[name], wrong)}
+            del spoiled["digest"]
+            with pytest.raises(InputError, match=name):
+                cls.from_dict(spoiled)
+
+
+@pytest.mark.parametrize(
+    ("path", "wrong"),
+    [
+        (("kind", 0), 7), (("kind", 0), -1), (("names",), ["A"]), (("bending",), -1.0), (("motions",), "sideways"),
+        (("contacts", "i", 0), -1), (("contacts", "j", 0), 9), (("contacts", "vector", 0, 0), 1e-3),
+        (("contacts", "normal", 0, 0), math.nan), (("contacts", "arm_i", 0), -4e-3), (("contacts", "arm_j", 0), math.nan),
+    ],
+)  # fmt: skip
+def test_a_crystal_takes_what_its_constructor_could_have_made(every, path, wrong):
+    data = json.loads(json.dumps(every[gp.Crystal].to_dict()))
+    del data["digest"]
+    with pytest.raises(InputError):
+        gp.Crystal.from_dict(deep(data, path, wrong))
+    with pytest.warns(UnverifiedFileWarning):
+        assert gp.Crystal.from_dict(data) == every[gp.Crystal]
 
 
 @pytest.mark.parametrize("wrong", [np.array([1.0, 2.0]), np.array(["a", "b"]), np.ma.array([1, 2], mask=[0, 1]), [[]]])
