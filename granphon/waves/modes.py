@@ -578,11 +578,11 @@ def find_damped(
     viscous = (operator.weigh(damped.times) / top).tocsr()[live][:, live]
     many = _SHARE * (2 * count + _SPARE) > 2 * live.size
     if 2 * live.size <= DENSE or (many and live.size <= DENSE):  # twice: the size of the matrix of first order
-        squares, modes = _diagonalise(problem, count)
-        others = modes[:, find_roots(operator, squares) > ZERO * top]
+        squares, shapes = _diagonalise(problem, count)
+        others = shapes[:, find_roots(operator, squares) > ZERO * top]
         if others.shape[1] < count:
             raise make_too_few(others.shape[1], count)
-        omega, vectors = damp_unevenly(others.T @ (lossy @ others), others.T @ (viscous @ others))
+        omega, vectors = damp_unevenly(*(others.T @ np.asarray(one @ others) for one in (lossy, viscous)))
         chosen = _choose_damped(omega, count, target / top)
         vectors = others @ vectors[:, chosen]
     else:

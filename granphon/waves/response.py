@@ -386,7 +386,7 @@ class ResponseWork:
 
     @cached_property
     def of_rows(self) -> Array:
-        """(2, springs) eta and tau, 1 and s, of the rows of A that have a stiffness."""
+        """(2, springs) eta and tau, 1 and s, of the rows of A that have a stiffness; tension is one that loses no energy."""
         rows = [self.operator.of_rows(one) for one in (self.damping.losses, self.damping.times)]
         return np.stack(rows)[:, self.operator.of_rows() > 0.0]
 
