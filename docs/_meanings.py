@@ -149,7 +149,7 @@ FIELDS = {
     "units": "the unit of each number above",
     "sizes": "number of values of each dimension of a sweep",
     "states": "number of states of a sweep",
-    "peaks": "peaks of the response at each place of the receiver: frequency, height and Q, which is nan if not resolved",
+    "peaks": "peaks of the response at each place of the receiver: frequency, height and Q, which are nan if not resolved",
     "frequency_Hz": "frequency",
     "total_per_Hz": "density of states of a ball",
     "translational_per_Hz": "the part of it that is translation",

@@ -18,6 +18,7 @@ from .balls.contact_laws import PairLaw as PairLaw
 from .balls.contact_laws import PowerLaw as PowerLaw
 from .balls.contact_laws import TabulatedLaw as TabulatedLaw
 from .balls.contact_laws import register_law as register_law
+from .balls.contact_model import ContactModel as ContactModel
 from .balls.contact_table import ContactTable as ContactTable
 from .balls.diameters import Discrete as Discrete
 from .balls.diameters import Measured as Measured

@@ -33,8 +33,14 @@ _UNCOUPLED = 1e-12
 _ALIKE = 1e11
 #: part of a wave that the next layer must have, at least: that of a wave number with three digits
 LEAST_PART = 1e-12
-#: what an error says of waves that are not told apart, and why and what to do if one decays too fast
+#: difference of lambda of two waves at the edge of a band, some roots of the rounding of w; and the least singular value of
+#: their motions, of length one, from which these are two
+_EDGE, _PARALLEL = 1e-6, 1e-5
+#: w over the largest entry of D up to which two such waves are long, and have all digits
+_NEAR_ZERO = 1e-12
+#: what an error says of waves that are not told apart, and why and what to do at an edge, or if one decays too fast
 _ALIKE_WAVES = "the waves at a frequency cannot be told apart"
+_AT_EDGE = "At the very edge of a band waves of both senses are one", "Shift it by a millionth"
 _TOO_FAST = "One decays too fast from layer to layer to have digits", "Take lower frequencies"
 
 
@@ -119,6 +125,8 @@ def find_bloch_waves(blocks: Couplings, w: Array, layer: int) -> list[tuple[Bloc
         couplings = [one[at] for one in steps]
         couplings[reach] = couplings[reach] + w[at] * np.eye(layer)
         factors, motions = _sharpen_long(factors, motions, couplings, w[at])
+        if w[at] > _NEAR_ZERO * scale:
+            _require_senses(factors, motions)
         found.append(_sort_senses(factors, motions, up[at], down[at], lost, reach))
     return found
 
@@ -156,6 +164,20 @@ def _sharpen_long(factors: Complex, vectors: Complex, couplings: list[Complex], 
         factors[n] = np.exp(1j * theta)
         vectors[:, n] = np.concatenate([v * factors[n] ** layer for layer in range(len(vectors) // size)])
     return factors, vectors
+
+
+def _require_senses(factors: Complex, vectors: Complex) -> None:
+    """Raise :class:`~granphon.base.errors.PrecisionError` at the edge of a band, where waves of both senses are one.
+
+    At a distance of Delta w from the edge their lambda differ by its root. Where rounding decides on which side of the edge
+    w is, it decides whether waves run, and how fast.
+    """
+    outer = np.flatnonzero(np.abs(np.abs(factors) - 1.0) < _EDGE)
+    for place, wave in enumerate(outer):
+        near = outer[place:][np.abs(factors[outer[place:]] - factors[wave]) < _EDGE]
+        motions = vectors[:, near] / np.linalg.norm(vectors[:, near], axis=0)
+        if near.size > len(motions) or np.linalg.svd(motions, compute_uv=False)[-1] < _PARALLEL:
+            raise PrecisionError(_ALIKE_WAVES, *_AT_EDGE)
 
 
 def _null_space(coupling: Complex) -> Complex:

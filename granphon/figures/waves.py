@@ -468,6 +468,12 @@ def _draw_lines(
     below.set(xlabel=f"Frequency ({print_hertz(prefix)})", ylabel="Phase (π)", xlim=(f[0], f[-1] if len(f) > 1 else None))
 
 
+def _mark_peaks(ax: Axes, frequencies: Array, heights: Array, drawn: Array, colour: Any) -> None:
+    """Draw dots at peaks, Hz, of responses that are drawn over the frequencies ``drawn``."""
+    prefix = HertzPrefix.for_top(float(drawn[-1]))
+    ax.scatter(frequencies / prefix.hertz, _find_decibels(heights), s=4.0, color=colour, zorder=3)
+
+
 def plot_response(response: Response, above: Axes, below: Axes) -> tuple[Axes, Axes]:
     """Draw magnitudes, in dB over one SI unit, and phases, in units of pi, of all receivers over frequency.
 
@@ -495,10 +501,10 @@ def response_figure(response: Response) -> Figure:
 def responses_figure(dataset: Dataset) -> Figure:
     """Draw the responses in a data set of states, one column wide.
 
-    Of one state they are magnitude and phase of each receiver. Of several states magnitude and phase are drawn for each
-    receiver, a state in each colour; of six loads and more the magnitude is a map over load and frequency, for each
-    receiver and each medium and combination of parameters. Of more than eight states, and four
-    receivers or maps, so many are drawn, evenly taken, and the figure says so.
+    Of one state they are magnitude and phase of each receiver, with dots at the peaks. Of several states magnitude and phase
+    are drawn for each receiver, a state in each colour; of six loads and more the magnitude is a map over load and
+    frequency, for each receiver and each medium and combination of parameters. Of more than eight states, and four receivers
+    or maps, so many are drawn, evenly taken, and the figure says so.
 
     Raises :class:`~granphon.base.errors.InputError` if the data set has no responses.
     """
@@ -519,6 +525,9 @@ def responses_figure(dataset: Dataset) -> Figure:
                     for colour, take in states for row, number in enumerate(group)]  # fmt: skip
             lines = ((take(name)[:, n], take("response_phase")[:, n], colour, 1.2, "") for take, n, colour in rows)
             _draw_lines(above, below, f, name, lines)
+            if "peaks_frequency" in dataset:  # lines narrower than the step are higher than what is drawn of them
+                for take, number, colour in rows:
+                    _mark_peaks(above, take("peaks_frequency")[number], take(f"peaks_{name}")[number], f, colour)
             if len(states) > 1 and len(places) > 1:
                 above.set_title(places[group[0]])
         if len(states) == 1:

@@ -183,8 +183,9 @@ def _make_cubic_entry(name: str, title: str, **more: Any) -> Observable:
 # bands along a path
 _of_packing, _of_dos = partial(Observable, cost="packing", swept=False), partial(Observable, cost="dos", dims=("node",))
 _of_line = partial(Observable, cost="spectrum", dims=("polarisation", "wavevector"))
-_of_network, _of_response = (
-    partial(Observable, cost="network", dims=dims) for dims in ((), ("response_frequency", "receiver"))
+_of_network, _of_response, _of_peaks = (
+    partial(Observable, cost="network", dims=dims)
+    for dims in ((), ("response_frequency", "receiver"), ("receiver", "response_peak"))
 )
 _of_bands = partial(Observable, cost="bands", dims=("segment", "point", "branch"))
 _OVER_SAMPLES = "standard error over samples of the"
@@ -338,6 +339,12 @@ _OBSERVABLES = (
         for name, unit, title in _RESPONSES for ending, of in (("", "magnitude of the "), ("_error", f"{_OVER_SAMPLES} "))
     ),
     _of_response("response_phase", "rad", "phase of the response, below zero where the receiver lags"),
+    _of_peaks("peaks_frequency", "Hz", "frequencies of the peaks of the response at each receiver, nan beyond these"),
+    *(
+        _of_peaks(f"peaks_{name}", unit, f"{title} at these peaks, nan if narrower than the step of the frequencies")
+        for name, unit, title in _RESPONSES
+    ),
+    _of_peaks("peaks_quality", "1", "Q factors of these peaks; nan of those that are not resolved"),
     _of_network("peak_frequency", "Hz", "frequency of the highest peak of the response at the first receiver", told=True),
     *(
         _of_network(f"peak_{name}", unit, f"{title} at its highest peak, at the first receiver", told=True)

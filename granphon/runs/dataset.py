@@ -72,6 +72,8 @@ _ROWS = {
     "motion": ("motion_time",),
     "damped_bands": ("segment", "point", "branch"),
 }  # fmt: skip
+#: last dimensions of variables of which some states have fewer values than others
+_UNEVEN = (("surface_wave",), ("response_peak",))
 #: name of the attribute with the sha256 digest of the numbers
 DIGEST = "granphon_sha256"
 #: longest time that opening a file without a digest may take, s
@@ -320,7 +322,7 @@ def fill(frame: Dataset, grid: Grid, parts: list[TaskResult]) -> Dataset:
         }
     labels = [case.label for case in grid.cases]
     told = [(label, text) for label, part in zip(labels, parts, strict=True) for text in tell_warnings(part)]
-    for name in {name for part in parts for name in part if name == "surface_frequency"}:
+    for name in {name for part in parts for name in part if name in CATALOGUE and CATALOGUE[name].dims[-1:] in _UNEVEN}:
         holders = [part for part in parts if name in part]
         for part, table in zip(holders, pad_alike([part[name] for part in holders]), strict=True):
             part[name] = table

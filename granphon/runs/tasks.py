@@ -479,7 +479,9 @@ def add_waves(out: TaskResult, task: MediumTask, load: Load, records: Sequence[S
         for text in texts:
             said.setdefault(text, []).append(index)
     known = {name: value for row in rows for name, value in row.items()}
-    found = {name: np.array([row.get(name, np.full_like(one, np.nan)) for row in rows]) for name, one in known.items()}
+    found = {
+        name: np.array(pad_alike([row.get(name, np.full_like(one, np.nan)) for row in rows])) for name, one in known.items()
+    }
     notes = []
     for text, indices in said.items():
         more = f" and {len(indices) - 1} more" if len(indices) > 1 else ""

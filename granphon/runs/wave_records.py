@@ -35,6 +35,7 @@ from granphon.base.arrays import Index
 from granphon.base.errors import ConvergenceError, GranphonError, InputError, LimitWarning, StoppedEarlyWarning
 from granphon.base.results import Result
 from granphon.base.tables import Heading, table_text
+from granphon.base.text import counted
 from granphon.base.validation import index_array
 from granphon.media.choice import ServingMedium
 from granphon.media.cost import find_typical_force
@@ -58,7 +59,7 @@ from granphon.waves.pulses import (
     require_sendable,
     transmit,
 )
-from granphon.waves.response import Response, find_peaks, require_places
+from granphon.waves.response import Peaks, Response, find_peaks, require_places
 from granphon.waves.settings import RESPONSES, MotionSettings, NetworkSettings, ResponseSettings, WaveSettings, find_place
 from granphon.waves.spectral_functions import (
     SpectralFunction,
@@ -89,6 +90,8 @@ _WITH_ERRORS = NUMBERS[:3]
 _STILL = 1e-3
 #: part of the greatest force at rest below which a change may be rounding
 _ROUNDING = 1e-10
+#: how the height of a narrow peak becomes known, of a mean over samples, and of one network
+_NARROW = ("give frequencies closer to each other", "give a damping or a loss_factor")
 #: least number of steps in a period of a shaker
 _PER_PERIOD = 10
 #: most of the area under the table of a drive that may fall between steps
@@ -235,22 +238,45 @@ def _record_response(x: Any, wanted: ResponseSettings) -> tuple[dict[str, Array]
     )  # fmt: skip
     balls = len(found.receivers) - len(places) + 1
     starts = np.cumsum([0, *(balls if one == "plane" else 1 for one in places)])
-    means = [np.mean(found.values[:, first:end], axis=1) for first, end in pairwise(starts)]
-    return {"response": np.transpose(means), "response_note": np.array(" ".join(found.warnings))}, {}
+    groups = [slice(first, end) for first, end in pairwise(starts.tolist())]
+    means = [np.mean(found.values[:, group], axis=1) for group in groups]
+    record = {"response": np.transpose(means), "response_note": np.array(" ".join(found.warnings))}
+    return record | {"response_peaks": _list_peaks(found.peaks_of_means(groups))}, {}
+
+
+def _list_peaks(peaks: Sequence[Peaks]) -> Array:
+    """Return frequencies, heights and Q of the peaks at each place, (3, places, n), nan beyond those that there are."""
+    table = np.full((3, len(peaks), max(len(one.frequencies) for one in peaks)), np.nan)
+    for place, one in enumerate(peaks):
+        table[:, place, : len(one.frequencies)] = one
+    return table
 
 
 def _average_responses(records: Sequence[Record], wanted: ResponseSettings) -> tuple[dict[str, Array], list[str]]:
-    """Return the coherent response, the mean of complex amplitudes, and its highest peak at the first place."""
+    """Return the coherent response, the mean of complex amplitudes, its peaks, and the highest at the first place.
+
+    Peaks of one record are solved for between the frequencies; those of a mean are of the frequencies that there are.
+    """
     every, name = np.array([one["response"] for one in records]), RESPONSES[wanted.quantity]
     mean = np.mean(every, axis=0)
     out = {name: np.abs(mean), "response_phase": np.unwrap(np.angle(mean), axis=0)}
-    peaks = find_peaks(np.array(wanted.frequencies), mean[:, 0])
-    if len(peaks.frequencies):
-        highest = np.argmax(peaks.heights)
-        out |= {f"peak_{one}": np.array(peaks[at][highest]) for at, one in enumerate(("frequency", name, "quality"))}
+    alone = len(records) == 1
+    peaks = records[0]["response_peaks"] if alone else _list_peaks(find_peaks(np.array(wanted.frequencies), mean))
+    notes = list(dict.fromkeys(str(one["response_note"]) for one in records if str(one["response_note"])))
+    is_peak = np.isfinite(peaks[0])
+    unknown = is_peak & np.isnan(peaks[1])
+    words = ("frequency", name, "quality")
+    if np.any(is_peak):
+        out |= {f"peaks_{word}": table for word, table in zip(words, peaks, strict=True)}
+    if np.any(unknown):
+        lines = counted(int(np.max(np.sum(unknown, axis=1))), "peak of the response is", "peaks of the response are")
+        notes.append(f"{lines} narrower than the step of the frequencies, and the height is not known: {_NARROW[alone]}")
+    if np.any(is_peak[0]) and not np.any(unknown[0]):
+        highest = np.nanargmax(peaks[1, 0])
+        out |= {f"peak_{word}": np.array(table[0, highest]) for word, table in zip(words, peaks, strict=True)}
     if len(records) > 1:
         out[f"{name}_error"] = np.asarray(standard_error(every, axis=0))
-    return out, list(dict.fromkeys(str(one["response_note"]) for one in records if str(one["response_note"])))
+    return out, notes
 
 
 def make_waves(x: Any, network: ContactNetwork, settings: MotionSettings) -> NonlinearWaves:

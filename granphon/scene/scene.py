@@ -417,15 +417,14 @@ class RunResult:
         return out | {name: value for name, value in known.items() if np.isfinite(value)}
 
     def _list_peaks(self) -> dict[str, list[dict[str, float]]]:
-        from granphon.waves.response import find_peaks
-
-        data = self.dataset
-        name, count = next(one for one in RESPONSES.values() if one in data), data.sizes["receiver"]
-        values = (data[name] * np.exp(1j * data["response_phase"])).values.reshape(-1, count)
-        found = {}
-        for place, one in zip(data["receiver"].values.tolist(), values.T, strict=True):
-            rows = np.transpose(find_peaks(data["response_frequency"].values, one)).tolist()
-            found[place] = [dict(zip(("frequency", "height", "quality"), row, strict=True)) for row in rows]
+        data, words = self.dataset, ("frequency", "height", "quality")
+        name = next(one for one in RESPONSES.values() if one in data)
+        found: dict[str, list[dict[str, float]]] = {place: [] for place in data["receiver"].values.tolist()}
+        if "peaks_frequency" in data:
+            tables = [data[f"peaks_{word}"].values.reshape(len(found), -1) for word in ("frequency", name, "quality")]
+            for place, *rows in zip(found, *tables, strict=True):
+                peaks = [peak for peak in zip(*map(np.ndarray.tolist, rows), strict=True) if np.isfinite(peak[0])]
+                found[place] = [dict(zip(words, peak, strict=True)) for peak in peaks]
         return found
 
     def _summarise_states(self) -> dict[str, Any]:

@@ -42,7 +42,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -97,6 +97,14 @@ _UNSURE, _UNKNOWN = 1e-6, 1e-2
 _ROUNDING = 1e-16
 #: what is left over the source, from which on a frequency is never found
 _LOST = 1e100
+#: most rounds in which a narrow line is approached: the distance from its pole falls as its square
+_ROUNDS = 12
+#: change of a pole, over its half width, at which it stands; that up to which two receivers hear one line
+_STANDS, _SAME_LINE = 1e-6, 1e-2
+#: least half width of a line over the square of its frequency, 1/Q: below it no losses are told from rounding
+_NARROWEST = 1e-9
+#: what returns values (n, n_r) at ascending frequencies (n,), Hz
+Solve = Callable[[Array], NDArray[np.complex128]]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -120,6 +128,8 @@ class Response(Result, array="values"):
     """
 
     _notebook_fields = ("method",)
+    #: the values at other frequencies; None where no network is at hand, or none has a bound
+    _solve: ClassVar[Solve | None] = None
 
     frequencies: Annotated[Array, "f", "Hz"]
     values: Annotated[Complex, "f r"]
@@ -151,10 +161,27 @@ class Response(Result, array="values"):
         """(n_f,) mean over the receivers, as that of a plane."""
         return np.asarray(np.mean(self.values, axis=1))
 
-    @property
+    @cached_property
     def peaks(self) -> tuple[Peaks, ...]:
-        """For each receiver its peaks, each that of a mode over a constant background: frequencies, heights, Q factors."""
-        return tuple(find_peaks(self.frequencies, one) for one in self.values.T)
+        """For each receiver its peaks, each that of a mode over a constant background: frequencies, heights, Q factors.
+
+        Lines narrower than the step of the frequencies are solved for between these. A response that was read from a file or
+        a copy, or that loses no energy, has their frequencies to a step, and neither heights nor Q, which are nan.
+        """
+        return self.peaks_of_means([[place] for place in range(len(self.receivers))])
+
+    def peaks_of_means(self, groups: Sequence[Any]) -> tuple[Peaks, ...]:
+        """Return the :attr:`peaks` of means over receivers, as those of planes.
+
+        ``groups`` has for each mean the numbers of its receivers, a list or a slice.
+        """
+        solve = self._solve
+
+        def take_means(values: Complex) -> Complex:
+            return np.stack([np.mean(values[:, group], axis=1) for group in groups], axis=1)
+
+        between = None if solve is None else lambda frequencies: take_means(solve(frequencies))
+        return find_peaks(self.frequencies, take_means(self.values), between)
 
     @property
     def method(self) -> str:
@@ -187,8 +214,9 @@ class Peaks(NamedTuple):
     Attributes
     ----------
     frequencies : (n,) Hz.
-    heights : (n,) magnitude at the peaks, in the unit of the response.
-    quality : (n,) Q factors, a ratio without a unit; nan if the peak is not resolved.
+    heights : (n,) magnitude at the peaks, in the unit of the response; nan of a line that is narrower than the step of the
+        frequencies, where nothing is solved between them.
+    quality : (n,) Q factors, a ratio without a unit; nan if the peak is not resolved, or not that of one mode.
     """
 
     frequencies: Array
@@ -196,27 +224,93 @@ class Peaks(NamedTuple):
     quality: Array
 
 
-def find_peaks(frequencies: Array, values: Complex) -> Peaks:
-    """Return the peaks of the magnitude of a response (n_f,) inside of the ascending frequencies (n_f,), Hz.
+def find_peaks(frequencies: Array, values: Complex, solve: Solve | None = None) -> tuple[Peaks, ...]:
+    """Return the peaks of the magnitude of each receiver, inside of the ascending frequencies (n_f,), Hz.
 
-    B + R/(p - f^2), a mode over a constant background, passes through the highest value and its two neighbours. Its pole p
-    gives the frequency (Re p)^1/2, the height there, and Q = Re p / Im p. Where the width of the line is below half the step
-    of the frequencies, or the pole is farther away than its width, the peak is the highest value, and Q is not known.
+    ``values`` are (n_f, n_r); ``solve`` returns those at other ascending frequencies. B + R/(p - f^2), a mode over a
+    constant background, passes through the highest value and its two neighbours. Its pole p gives the frequency (Re p)^1/2,
+    the height there, and Q = Re p / Im p. Where the width of the line is below half the step of the frequencies, these lie
+    too far from it: the response is solved at the pole and half a width beside it, and the pole found anew, until it stands.
+    Without ``solve`` the height and Q of such a line are not known, and its frequency is that of the highest value. Where
+    the pole is farther away than its width, the peak is not that of one mode: it is the highest value, and Q is not known.
     """
     magnitude = np.abs(values)
-    at = 1 + np.flatnonzero((magnitude[1:-1] > magnitude[:-2]) & (magnitude[1:-1] >= magnitude[2:]))
-    x, h = (np.array([one[at + step] for step in (-1, 0, 1)]) for one in (frequencies**2, values))
+    tops = (magnitude[1:-1] > magnitude[:-2]) & (magnitude[1:-1] >= magnitude[2:])
+    rows = 1 + np.flatnonzero(np.any(tops, axis=1))
+    is_top = tops[rows - 1]
+    squares = np.array([frequencies[rows + step] ** 2 for step in (-1, 0, 1)])
+    heard = np.array([values[rows + step] for step in (-1, 0, 1)])
+    x = squares[..., None]
     with np.errstate(divide="ignore", invalid="ignore"):  # two equal values have no pole
-        ratio = (h[1] - h[0]) / (h[2] - h[1]) * (x[2] - x[1]) / (x[1] - x[0])
-        pole = (x[2] - ratio * x[0]) / (1.0 - ratio)
-        strength = (h[2] - h[0]) * (pole - x[0]) * (pole - x[2]) / (x[2] - x[0])
-        top = np.abs(h[1] - strength / (pole - x[1]) + strength / (1j * pole.imag))
-        known = (pole.imag >= 0.25 * (x[2] - x[0])) & (
-            np.abs(pole.real - x[1]) <= np.maximum(pole.imag, 0.5 * (x[2] - x[0]))
-        )
-        quality = np.where(known, pole.real / pole.imag, np.nan)
-    heights = np.where(known, np.maximum(top, magnitude[at]), magnitude[at])
-    return Peaks(np.sqrt(np.where(known, pole.real, x[1])), heights, quality)
+        pole = _fit_pole(x, heard)
+        strength = (heard[2] - heard[0]) * (pole - x[0]) * (pole - x[2]) / (x[2] - x[0])
+        top = np.abs(heard[1] - strength / (pole - x[1]) + strength / (1j * pole.imag))
+        step = x[2] - x[0]
+        is_broad = np.abs(pole.imag) >= 0.25 * step
+        is_mode = is_broad & (pole.imag > 0.0) & (np.abs(pole.real - x[1]) <= np.maximum(pole.imag, 0.5 * step))
+        found = np.where(is_mode, pole.real, x[1])
+        heights = np.where(is_mode, np.maximum(top, magnitude[rows]), np.where(is_broad, magnitude[rows], np.nan))
+        quality = np.where(is_mode, pole.real / pole.imag, np.nan)
+    narrow = is_top & ~is_broad
+    if solve is not None and np.any(narrow):
+        lines = np.flatnonzero(np.any(narrow, axis=1))
+        pole_of_line, square, between = _approach_lines(squares[:, lines], heard[:, lines], narrow[lines], solve)
+        own = _fit_pole(square[..., None], between)
+        is_same = np.abs(own - pole_of_line[:, None]) <= _SAME_LINE * pole_of_line.imag[:, None]
+        height = np.abs(between[1])
+        is_line = narrow[lines] & is_same & (height >= magnitude[rows[lines]])
+        found[lines] = np.where(is_line, square[1][:, None], found[lines])
+        heights[lines] = np.where(is_line, height, heights[lines])
+        quality[lines] = np.where(is_line, (pole_of_line.real / pole_of_line.imag)[:, None], quality[lines])
+    return tuple(
+        Peaks(np.sqrt(found[mine, receiver]), heights[mine, receiver], quality[mine, receiver])
+        for receiver, mine in enumerate(is_top.T)
+    )
+
+
+def _fit_pole(x: Array, values: Complex, weights: Any = None) -> Any:
+    """Return the pole p of B + R/(p - x) through three values, the first axis.
+
+    With ``weights`` (n, n_r) it is that which the receivers, the last axis, have in common, by least squares.
+    """
+    rise, following = values[1] - values[0], values[2] - values[1]
+    if weights is None:
+        ratio = rise / following
+    else:
+        overlap = np.sum(weights * rise * following.conj(), axis=-1)
+        ratio = overlap / np.sum(weights * np.abs(following) ** 2, axis=-1)
+    ratio = ratio * (x[2] - x[1]) / (x[1] - x[0])
+    return (x[2] - ratio * x[0]) / (1.0 - ratio)
+
+
+def _approach_lines(x: Array, values: Complex, heard: Any, solve: Solve) -> tuple[Complex, Array, Complex]:
+    """Solve at lines (n,) between three points until their poles stand.
+
+    ``x`` (3, n) are squares of frequencies, ``values`` (3, n, n_r), and ``heard`` (n, n_r) says which receivers hear a line.
+    Returns the poles (n,), nan of lines that are not found, and the last points and values about each.
+    """
+    low, high = x[0], x[2]
+    x, values = x.copy(), values.copy()
+    pole = np.full(len(low), np.nan + 0j)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        estimate = _fit_pole(x, values, heard)
+    left = np.arange(len(low))
+    for _ in range(_ROUNDS):
+        left = left[np.isfinite(estimate[left])]
+        if not left.size:
+            break
+        centre = np.clip(estimate[left].real, low[left], high[left])
+        half_width = np.clip(np.abs(estimate[left].imag), _NARROWEST * centre, 0.25 * (high - low)[left])
+        x[:, left] = centre + half_width * np.array([[-1.0], [0.0], [1.0]])
+        frequencies, place = np.unique(np.sqrt(x[:, left]), return_inverse=True)
+        values[:, left] = solve(frequencies)[place.reshape(3, left.size)]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found = _fit_pole(x[:, left], values[:, left], heard[left])
+        stands = (np.abs(found - estimate[left]) <= _STANDS * found.imag) & (found.imag > _NARROWEST * centre)
+        pole[left[stands]] = found[stands]
+        estimate[left] = found
+        left = left[~stands]
+    return pole, x, values
 
 
 def require_places(network: ContactNetwork, name: str, given: Any, moved: bool, **options: Any) -> None:
@@ -250,9 +344,12 @@ def find_response(
     heard = operator.places[receivers, : len(axes)]
     ears = directions[:, axes] / np.sqrt(network.masses[receivers])[:, None]
     problem = _Problem(operator, damped, drives, heard, ears, moved, operator.stretch(amplitude) if moved else np.zeros(0))
-    values, error, factored, steps = problem.solve(2.0 * math.pi * hertz, method, tolerance)
-    if quantity == "velocity":
-        values = values * (2j * math.pi * hertz)[:, None]
+
+    def solve(at: Array) -> tuple[Complex, Array, int, int]:
+        values, *rest = problem.solve(2.0 * math.pi * at, method, tolerance)
+        return values * (2j * math.pi * at)[:, None] if quantity == "velocity" else values, *rest
+
+    values, error, factored, steps = solve(hertz)
     warnings = damped.find_warnings(float(np.max(hertz)))
     unsure = np.flatnonzero(error > _UNSURE)
     if unsure.size:
@@ -263,10 +360,11 @@ def find_response(
         if most > 0.0:
             below = write_quantity(float(most), QUANTITIES[quantity], 2)
             why += f"; where it is above 1, all that is known is that they are below {below}"
-        warnings = (*warnings, f"the error of the response is above {_UNSURE:g} at {where}: {why}.")
-    return Response(
-        hertz, values, quantity, sources, pushes, receivers, directions, error, factored, steps, warnings
-    )  # fmt: skip
+        warnings = (*warnings, f"the error of the response is above {_UNSURE:g} at {where}: {why}.",)
+    response = Response(hertz, values, quantity, sources, pushes, receivers, directions, error, factored, steps, warnings)
+    if not damped.is_none:  # without losses a peak has no height
+        object.__setattr__(response, "_solve", lambda frequencies: solve(frequencies)[0])
+    return response
 
 
 # -- sources and receivers ---------------------------------------------------------------------------------------------

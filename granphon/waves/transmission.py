@@ -16,8 +16,9 @@ from numpy.typing import ArrayLike
 
 from granphon.array.sparse_matrices import factorise
 from granphon.base.arrays import Array, Complex, Index
-from granphon.base.errors import InputError
+from granphon.base.errors import InputError, PrecisionError
 from granphon.base.results import Result
+from granphon.base.scales import write_quantity
 from granphon.base.validation import frequency_array
 from granphon.dynamics.bloch_waves import BlochWaves, Couplings, find_bloch_waves
 from granphon.dynamics.damping import ContactDamping
@@ -28,6 +29,8 @@ from granphon.waves.operator import WaveOperator
 
 #: distance, over the diameter, up to which a ball of the strip stands where one of a lead would
 _THERE = 0.1
+#: difference of transmitted and reflected energy from what comes, over that, up to which it is rounding
+_BALANCED = 1e-6
 #: relative difference of periods along the layers that fit
 _SAME_PERIOD = 0.01
 
@@ -92,7 +95,8 @@ def transmission(
     ------
     InputError : a lead without the axis as a period; leads or a strip that do not fit; a floor or clamped balls between
         them; wrong numbers.
-    PrecisionError : a frequency at the very edge of a band.
+    PrecisionError : a frequency at the very edge of a band, or where without losses the two parts do not add up, to 1e-6, to
+        what comes.
     """
     at = frequency_array("frequencies", frequencies, "above zero")
     leads = [_Lead.of(one, axis, q) for one in (left, right)]
@@ -124,6 +128,16 @@ def transmission(
         numbers[place, : runs.running] = first.space.wavenumbers(runs.factors[: runs.running], first.q).real
     reflected, transmitted = (np.sum(np.abs(one) ** 2, axis=1) for one in (back, through))
     count = np.maximum(modes[:, 0], 1)
+    if damped.is_none:
+        runs = np.arange(most) < modes[:, :1]
+        lost = np.max(np.abs(transmitted + reflected - runs), axis=1, initial=0.0)
+        if np.any(lost > _BALANCED):
+            worst = int(np.argmax(lost))
+            what = (
+                f"at {write_quantity(float(at[worst]), 'Hz', 12)} what passes and what is sent back differ from what comes"
+            )
+            why = "Nothing is lost: rounding is magnified there, as at the edge of a band or a sharp resonance"
+            raise PrecisionError(f"{what} by {lost[worst]:.1e} of it", why, "Shift the frequency by a millionth")
     layers = operator.balls.size / first.space.per_layer
     return Transmission(
         at, modes, transmitted.sum(axis=1) / count, reflected.sum(axis=1) / count, transmitted, reflected, through, numbers,

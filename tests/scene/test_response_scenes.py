@@ -68,8 +68,10 @@ def test_the_driven_chain_has_its_closed_form(tmp_path):
     network, found = one.state().network, complex_of(result.dataset, "transmissibility")[0, 0]
     rate = np.sqrt(network.normal_stiffness[0] / network.masses[0])
     t = 2.0 * np.arcsin((np.pi * FREQUENCIES / rate).astype(complex))  # above the band t is complex
+    # u_n = A cos((N + 1/2 - n) t), and the floor is twice as stiff as the contact of two balls that ends at a ball 0
+    floor = 0.5 * (np.cos(20.5 * t) + np.cos(19.5 * t))
     for column, place in ((0, 20), (1, 1)):
-        exact = (np.cos((20.5 - place) * t) / np.cos(20.5 * t)).real
+        exact = (np.cos((20.5 - place) * t) / floor).real
         assert_allclose(found[:, column], exact, rtol=1e-9, atol=1e-10 * np.max(np.abs(exact)))
     assert FREQUENCIES[-1] > rate / np.pi
     # files, figures, and the scene that was run
@@ -99,6 +101,67 @@ def test_a_sweep_over_loads_has_the_numbers_of_python_and_a_map(tmp_path):
     assert redraw(tmp_path, tmp_path / "response.pdf").name == "response.pdf"
 
 
+TWO_KINDS = """
+balls:
+  S: {material: {young_modulus: 193 GPa, poisson_ratio: 0.30, density: 7958 kg/m^3}, diameter: 19.05 mm}
+  A: {material: {young_modulus: 73.5 GPa, poisson_ratio: 0.33, density: 2694 kg/m^3}, diameter: 19.05 mm}
+crystal: {lattice: chain}
+load: {force: 20 N}
+observe: [response, motion]
+response:
+  frequencies: {from: 50 Hz, to: 11 kHz, points: 1500, scale: linear}
+  source: plane
+  receiver: 39 x
+  damping: 1 us
+  quantity: transmissibility
+  cut: {axis: 0, layers: 20, edges: floor floor}
+motion:
+  duration: 100 us
+  frames: 11
+  cut: {axis: 0, layers: 20, edges: floor floor}
+  drive: {balls: 0, impact: 1 um/s}
+"""
+
+
+@pytest.mark.claim("floor")
+@pytest.mark.claim("response-peaks")
+def test_the_floor_is_one_in_response_in_motion_and_in_the_crystal(tmp_path):
+    one = gp.Scene.from_text(TWO_KINDS)
+    result = one.run(tmp_path, figures=False)
+    network = one.packing.crystal.cut(0, 20, "floor").at_force(20.0).network
+    frequencies = np.linspace(50.0, 11e3, 1500)
+    expected = gp.Waves(network).response(frequencies, "plane", (39, "x"), damping=1e-6, quantity="transmissibility")
+    assert_allclose(result.dataset["transmissibility"].values[0, 0], expected.magnitude, rtol=1e-9)
+    motion = result.waves.motion
+    floor = int(np.flatnonzero((motion.network.i == 0) & np.isinf(motion.network.radii[motion.network.j]))[0])
+    change = motion.forces[:, floor] - motion.forces[0, floor]
+    moved = np.abs(motion.displacements[:, 0, 0]) > 1e-12
+    own = network.normal_stiffness[(network.i == 0) & np.isinf(network.radii[network.j])]
+    assert np.any(moved)
+    assert_allclose(change[moved] / -motion.displacements[moved, 0, 0], own[0], rtol=1e-4)
+    # the highest peak is narrower than the step, and told in full: as frequencies close to each other have it
+    numbers = result.summary()
+    near = numbers["peak_frequency"] * (1.0 + np.linspace(-1e-3, 1e-3, 2001))
+    dense = gp.Waves(network).response(near, "plane", (39, "x"), damping=1e-6, quantity="transmissibility").magnitude
+    assert_allclose(numbers["peak_transmissibility"], dense.max(), rtol=1e-5)
+    assert_allclose(numbers["peak_frequency"], near[np.argmax(dense)], rtol=2e-6)
+    assert numbers["peak_transmissibility"] > 1.2 * expected.magnitude.max()
+    assert numbers["peaks"]["39 x"][0]["quality"] > 2.0 * numbers["peak_frequency"] / (frequencies[1] - frequencies[0])
+
+
+def test_a_peak_that_is_not_resolved_has_no_height(tmp_path):
+    """Without losses, and of a mean over samples, whose networks have peaks of their own."""
+    lossless = scene(CHAIN, FORCE="20 N").run(tmp_path / "chain", figures=False)
+    assert "peak_transmissibility" not in lossless.summary()
+    assert any("narrower" in text for text in lossless.warnings)
+    text = ARRAY.replace("[2 kHz, 5 kHz, 9 kHz]", "{from: 1 kHz, to: 12 kHz, points: 60, scale: linear}")
+    text = text.replace("[2 us, 1 us]\n  loss_factor: 0.01", "0 us\n  loss_factor: 1e-4")
+    samples = scene(text, FORCE="20 N").run(tmp_path / "samples", figures=False)
+    assert any("narrower" in said for said in samples.warnings)
+    heights = [peak["height"] for peak in samples.summary()["peaks"]["plane"]]
+    assert np.any(np.isnan(heights))
+
+
 def test_peaks_are_those_of_the_damped_modes(tmp_path):
     text = CHAIN.replace("from: 400 Hz, to: 14 kHz, points: 30", "from: 100 Hz, to: 3 kHz, points: 600")
     one = gp.Scene.from_text(text.replace("quantity:", "loss_factor: 0.03\n  quantity:").replace("FORCE", "20 N"))
@@ -116,7 +179,7 @@ def test_a_mode_by_itself_has_its_closed_form():
     # B + R/(p - f^2): a single mode over a background, of which three frequencies are enough
     f, pole = np.linspace(90.0, 110.0, 41), 100.0**2 * (1.0 + 0.02j)
     response = 0.3 - 0.1j + (40.0 + 300.0j) / (pole - f**2)
-    (peak,) = zip(*find_peaks(f, response), strict=True)
+    (peak,) = zip(*find_peaks(f, response[:, None])[0], strict=True)
     assert_allclose(peak, [100.0, np.abs(0.3 - 0.1j + (40.0 + 300.0j) / (1j * pole.imag)), 50.0], rtol=1e-3)
 
 

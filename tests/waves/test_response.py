@@ -2,6 +2,7 @@
 
 import ctypes
 import math
+import pickle
 from dataclasses import replace
 from fractions import Fraction
 
@@ -78,6 +79,29 @@ def test_chain_on_a_moved_wall_inside_and_above_its_band(edge):
     assert not found.warnings
     by_plane = gp.Waves(network).response(omega * HERTZ, "plane", "plane", quantity="transmissibility")
     assert_allclose(by_plane.coherent, expected[:, -1], rtol=1e-10)
+
+
+@pytest.mark.claim("response-peaks")
+@pytest.mark.parametrize("method", ["direct", "krylov"])
+@pytest.mark.parametrize("points", [90, 400])
+def test_peaks_do_not_depend_on_the_grid(points, method):
+    """Lines narrower than the step are solved for between its points: heights and Q are those of the damped modes."""
+    waves, receivers = gp.Waves(chain(9, ("clamped", "free"))), [(8, "x"), (5, "x")]
+    top = 2.0 * HERTZ
+    damping = 4e-5 / OMEGA
+    coarse = waves.response(np.linspace(0.04, 1.02, points) * top, (8, "x"), receivers, damping=damping, method=method)
+    modes = waves.damped_modes(8, damping=damping)
+    assert np.max(modes.frequencies.real / modes.quality) < 0.1 * np.diff(coarse.frequencies)[0]
+    for receiver, peaks in enumerate(coarse.peaks):
+        assert peaks.frequencies.size == 8
+        assert_allclose(peaks.frequencies, modes.frequencies.real, rtol=1e-6)
+        assert_allclose(peaks.quality, modes.quality, rtol=1e-3)
+        at_peaks = waves.response(peaks.frequencies, (8, "x"), receivers[receiver], damping=damping)
+        assert_allclose(peaks.heights, at_peaks.magnitude[:, 0], rtol=1e-5)
+    # a copy has no network to solve for what lies between its frequencies
+    copied = pickle.loads(pickle.dumps(coarse))
+    assert copied == coarse
+    assert np.all(np.isnan(copied.peaks[0].heights))
 
 
 def test_one_ball_on_a_spring_and_a_dashpot():

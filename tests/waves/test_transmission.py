@@ -9,7 +9,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 import granphon as gp
-from granphon.base.errors import InputError
+from granphon.base.errors import InputError, PrecisionError
+from granphon.dynamics.bloch_waves import BlochWaves
+from granphon.dynamics.half_space import HalfSpace
 from tests.networks.test_cuts import D, bulk, chain
 
 K, MASS = 2e7, 9.75e-3
@@ -115,6 +117,55 @@ def test_energy_is_conserved_whatever_the_strip(lattice, axis, cells):
     assert_allclose((on.transmitted + on.reflected)[runs], 1.0, atol=1e-10)
     assert np.all(on.transmitted[runs] < 0.99)
     assert_allclose(on.total, np.sum(np.abs(on.amplitudes) ** 2, axis=(1, 2)), rtol=1e-12)
+
+
+def test_the_edge_of_a_band_is_refused_and_its_sides_are_not():
+    """At frequencies that gaps() and frequencies() return rounding decides which waves run, and how fast they are."""
+    network = gp.Crystal.on("chain", [gp.Ball(gp.Material(193e9, 0.3, density), D) for density in (8000.0, 2700.0)])
+    network = network.at_force(20.0).network
+    odd = network.cut(0, 3)
+    odd = replace(odd, masses=odd.masses * [1.0, 2.0, 1.3, 0.7, 1.2, 1.0])
+    phonons = gp.Phonons(network)
+    (low, high), top = phonons.gaps()[0], phonons.frequencies([[0.0]])[0, -1]
+    for edge, inwards in ((low, -1.0), (high, 1.0), (top, -1.0)):
+        with pytest.raises(PrecisionError, match="edge"):
+            gp.transmission(network, odd, network, [edge])
+        for rounded in (-2e-15, 0.0, 2e-15):
+            with pytest.raises(PrecisionError, match="edge"):
+                phonons.complex_bands([edge * (1.0 + rounded)])
+        part = np.array([1e-12, 1e-8])
+        inside, outside = (np.sort(edge * (1.0 + sign * inwards * part)) for sign in (1.0, -1.0))
+        found = gp.transmission(network, odd, network, inside)
+        assert_allclose(found.transmitted + found.reflected, 1.0, rtol=1e-7)
+        # near an edge a strip that differs passes a part that goes with the distance
+        assert_allclose(np.ptp(np.log10(found.transmitted)), 4.0, atol=0.1)
+        assert not gp.transmission(network, odd, network, outside).modes.any()
+
+
+@pytest.mark.parametrize(("lattice", "axis"), [("triangular", 1), ("fcc", (1, 1, 0)), ("honeycomb", 1)])
+def test_energy_is_conserved_or_refused_at_all_edges(lattice, axis):
+    """Bands of several motions, some alike: each end of each, where waves of others may run."""
+    network = bulk(lattice)
+    q = np.full(network.dimension - 1, 0.13)
+    space = HalfSpace(network, axis)
+    edges = np.sqrt(space.bands(q[None])[0].ravel().clip(0.0)) * space.units.frequency
+    same = network.cut(axis, 4)
+    refused = 0
+    for frequency in edges[edges > 1.0]:
+        try:
+            found = gp.transmission(network, same, network, [frequency], axis=axis, q=q)
+        except PrecisionError:
+            refused += 1
+            continue
+        assert_allclose(found.transmitted[found.modes[:, 0] > 0], 1.0, atol=1e-6)
+    assert refused > 0.5 * edges.size
+
+
+def test_energy_that_does_not_add_up_is_an_error(monkeypatch):
+    network = even(MASS)
+    monkeypatch.setattr(BlochWaves, "find_parts", lambda self, motion: 1.01 * motion[: self.running])
+    with pytest.raises(PrecisionError, match="of it"):
+        gp.transmission(network, network.cut(0, 3), network, [0.3 * TOP])
 
 
 @pytest.mark.parametrize(("lattice", "axis"), [("square", 1), ("honeycomb", 1), ("sc", 2)])
