@@ -7,6 +7,7 @@ follow without a small damping, and what is sent back and through adds up to wha
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
@@ -31,6 +32,14 @@ from granphon.waves.operator import WaveOperator
 _THERE = 0.1
 #: difference of transmitted and reflected energy from what comes, over that, up to which it is rounding
 _BALANCED = 1e-6
+#: most steps of the fit of a fall; each changes logarithms by one at most
+_ROUNDS = 60
+#: last change of its logarithms
+_SETTLED = 1e-9
+#: part of the product of its curvatures along level and rate, below which the two are not told apart
+_SINGULAR = 1e-12
+#: largest logarithm of an energy, up or down
+_FAR = 300.0
 #: relative difference of periods along the layers that fit
 _SAME_PERIOD = 0.01
 
@@ -153,7 +162,8 @@ class ScatteringLengths(Result):
     ----------
     frequencies : (n_f,) Hz.
     mean_free_path, mean_free_path_error : (n_f, m) l, m, of the coherent wave: the squared size of the mean amplitude falls
-        as exp(-L/l). Infinite where it does not fall; zero beyond the waves that run.
+        as exp(-L/l). Infinite where it does not fall; zero beyond the waves that run. An error is infinite where only the
+        shortest strips let a wave be seen.
     localisation_length, localisation_length_error : (n_f,) xi, m: the mean of ln(total) falls as -2 L/xi (P. W. Anderson et
         al., Phys. Rev. B 22, 3519, 1980). Infinite where it does not fall.
     """
@@ -168,8 +178,11 @@ class ScatteringLengths(Result):
 def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:
     """Fit mean free paths and localisation lengths to transmissions through strips of several lengths.
 
-    ``runs`` are of the same leads and frequencies, for each length at least two samples. Logarithms are fitted over the
-    length by weighted least squares; weights and errors are those of means over samples.
+    ``runs`` are of the same leads and frequencies, for each length at least two samples. E exp(-L/l) is fitted to the
+    squared sizes of mean amplitudes, without what their noise adds, with the weights that this fall itself and the noise of
+    all lengths together give. A line is fitted to the means of ln(total), with the weights of variances that grow as the
+    length, too. Weights from the scatter at each length would favour the lengths at which it is small by chance, and make
+    errors too small. Errors are standard errors, from the scatter over the samples of each length.
 
     Raises :class:`~granphon.base.errors.InputError` for fewer than two lengths, or two samples of a length; for other
     frequencies or numbers of waves; and where nothing is transmitted.
@@ -191,38 +204,71 @@ def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:
     open_ways = np.arange(through.shape[2]) < first.modes.min(axis=1)[:, None]
     if np.any(total[:, np.any(open_ways, axis=1)] <= 0.0) or not np.all(np.any(open_ways, axis=1)):
         raise InputError("nothing is transmitted at some frequency", mend="Leave out frequencies of gaps")
-
-    def fit(values: Array, variances: Array) -> tuple[Array, Array]:
-        """Return the fall of ``values`` (lengths, ...) over the length, 1/m, and its error."""
-        weight = 1.0 / np.maximum(variances, np.finfo(float).tiny)
-        x = lengths.reshape(-1, *(1,) * (values.ndim - 1))
-        apart = x - np.sum(weight * x, axis=0) / np.sum(weight, axis=0)
-        spread = np.sum(weight * apart**2, axis=0)
-        return -np.sum(weight * apart * values, axis=0) / spread, 1.0 / np.sqrt(spread)
-
     groups = [of_run == place for place in range(len(lengths))]
-    mean = np.array([through[group].mean(axis=0) for group in groups])
-    unit = mean / np.where(mean == 0.0, 1.0, np.abs(mean))
-    noise, along, falls, spread = [], [], [], []
-    for group, phase, count in zip(groups, unit, samples, strict=True):
-        noise.append(np.var(through[group], axis=0, ddof=1) / count)
-        along.append(np.var((through[group] * phase.conj()).real, axis=0, ddof=1) / count)
-        logs = np.log(total[group])
-        falls.append(logs.mean(axis=0))
-        spread.append(np.var(logs, axis=0, ddof=1) / count)
-    # the square of a mean amplitude of few samples is too large by its variance
-    square = np.abs(mean) ** 2
-    energy = np.where(open_ways, np.maximum(square - np.array(noise), 0.1 * square), 1.0)
-    path, its_error = fit(np.log(energy), np.where(open_ways, 4.0 * np.array(along) / energy, 1.0))
-    local, error = fit(np.array(falls), np.array(spread))
+    falls = [_fit_energy(lengths, [through[group][:, f, m] for group in groups]) for f, m in np.argwhere(open_ways)]
+    rate, its_error = (np.ones(open_ways.shape) for _ in range(2))
+    rate[open_ways], its_error[open_ways] = np.array(falls).T
+    logs = [np.log(total[group]) for group in groups]
+    # the variance of ln(total) grows as the length, too
+    share = _fit_slope(lengths, samples / lengths)
+    fall = -np.tensordot(share, [one.mean(axis=0) for one in logs], 1)
+    scatter = [np.var(one, axis=0, ddof=1) / len(one) for one in logs]
+    error = np.sqrt(np.tensordot(share**2, scatter, 1))
 
     def invert(rate: Array, error: Array, factor: float) -> tuple[Array, Array]:
         seen = rate > 0.0
         inverse = np.divide(factor, rate, out=np.full(rate.shape, np.inf), where=seen)
         return inverse, np.where(seen, inverse / np.where(seen, rate, 1.0) * error, np.inf)
 
-    one, its = (np.where(open_ways, each, 0.0) for each in invert(path, its_error, 1.0))
-    return ScatteringLengths(first.frequencies, one, its, *invert(local, error, 2.0))
+    path, path_error = (np.where(open_ways, each, 0.0) for each in invert(rate, its_error, 1.0))
+    return ScatteringLengths(first.frequencies, path, path_error, *invert(fall, error, 2.0))
+
+
+def _fit_slope(x: Array, weights: Array) -> Array:
+    """Return (n,) what each value at ``x`` (n,) counts in the slope of the line that is fitted with these weights."""
+    away = x - np.average(x, weights=weights)
+    return np.asarray(weights * away / np.sum(weights * away**2))
+
+
+def _fit_energy(lengths: Array, amplitudes: list[Complex]) -> tuple[float, float]:
+    """Return the rate at which the squared size of the mean of ``amplitudes`` falls over the lengths, 1/m, and its error.
+
+    The squared size less the variance of the mean has the mean E exp(-rate L), whatever the number n of samples. It is a U
+    statistic (W. Hoeffding, Ann. Math. Stat. 19, 293 (1948)), with the variance 4 a E/n + 2 |C|^2/(n (n - 1)), where C are
+    the covariances of real and imaginary parts, and a is the variance along the mean. For weights C is that of all lengths
+    together, the same in all directions; for the error it is that at each length. Both take E from the fit, which is
+    repeated until it does not change (quasi-likelihood). The error is infinite where it goes on to change: then nothing is
+    seen but at the least length.
+    """
+    count = np.array([len(one) for one in amplitudes], float)
+    mean = np.array([one.mean() for one in amplitudes])
+    turned = [one * np.conj(middle) / (abs(middle) or 1.0) for one, middle in zip(amplitudes, mean, strict=True)]
+    spread = np.array([np.cov(one.real, one.imag) for one in turned])  # (lengths, 2, 2)
+    noise = np.trace(spread, axis1=1, axis2=2)
+    common, square = 0.5 * float(np.average(noise, weights=count - 1.0)), np.abs(mean) ** 2
+    energy, pairs = square - noise / count, count * (count - 1.0)
+    # the line through the logarithms of what was seen is where the fit begins
+    away, rate = lengths - np.average(lengths, weights=count), 0.0
+    seen = square > 0.0
+    if np.count_nonzero(seen) > 1:
+        rate = -float(_fit_slope(lengths[seen], (count * square)[seen]) @ np.log(square[seen]))
+    level = math.log(np.average(square, weights=count * np.exp(-np.clip(rate * away, -_FAR, _FAR)))) if seen.any() else -_FAR
+    size = float(np.ptp(lengths))
+    for _ in range(_ROUNDS):
+        fitted = np.exp(np.clip(level - rate * away, -_FAR, _FAR))
+        slopes = np.stack([fitted, -fitted * away / size])  # of what is fitted, over level and rate
+        weight = 1.0 / (fitted / count + common / pairs)
+        matrix = slopes * weight @ slopes.T
+        if np.linalg.det(matrix) <= _SINGULAR * matrix[0, 0] * matrix[1, 1]:
+            break
+        shares = np.linalg.solve(matrix, slopes * weight)
+        change = shares @ (energy - fitted)
+        change /= max(1.0, float(np.max(np.abs(change))))
+        level, rate = level + float(change[0]), rate + float(change[1]) / size
+        if np.max(np.abs(change)) < _SETTLED:
+            variance = 4.0 * spread[:, 0, 0] * fitted / count + 2.0 * np.sum(spread**2, axis=(1, 2)) / pairs
+            return rate, math.sqrt(float(shares[1] ** 2 @ variance)) / size
+    return rate, math.inf
 
 
 class _Lead(NamedTuple):

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.stats import t as student
 
 import granphon as gp
 from granphon.base.errors import InputError, PrecisionError
@@ -266,6 +267,69 @@ def test_scattering_lengths_of_exact_falls():
     found = gp.scattering_lengths(runs)
     assert_allclose([found.mean_free_path[0, 0], found.localisation_length[0]], [0.8, 1.6], rtol=1e-3)
     assert abs(found.mean_free_path[0, 0] - 0.8) < 4.0 * found.mean_free_path_error[0, 0]
+
+
+def pass_chains(length, count, spread, random):
+    """Amplitudes (count,) through chains of masses 1 +- spread between even ones, at omega^2 = K/M, by transfer matrices."""
+    masses, phase = 1.0 + random.uniform(-spread, spread, (length, count)), np.pi / 3.0
+    # from the wave that leaves, exp(i n phase) from the first site behind the chain on, back to that before it
+    here, ahead = np.exp(1j * phase * length), np.exp(1j * phase * (length + 1))
+    here, ahead = here - ahead, here
+    for mass in masses[::-1]:
+        here, ahead = (2.0 - mass) * here - ahead, here
+    return (np.exp(-1j * phase) - np.exp(1j * phase)) / (here - ahead * np.exp(1j * phase))
+
+
+@pytest.mark.claim("transmission-errors")
+@pytest.mark.parametrize(("count", "spread"), [(12, 0.25), (12, 0.45), (24, 0.45)])
+def test_errors_of_lengths_are_the_scatter_over_samples(count, spread):
+    """Of chains; in place of frequencies there are repetitions, each with samples of its own."""
+    light, repeats, random = even(MASS), 300, np.random.default_rng(count)
+    assert_allclose(np.abs(pass_chains(5, 1, 0.0, random)), 1.0, rtol=1e-12)
+    first = gp.transmission(light, strip([MASS] * 2, [K]), light, [0.3 * TOP])
+    lengths, runs, energies, logs = np.array([16, 32, 48, 64]), [], [], []
+    for length in lengths:
+        runs += [
+            replace(
+                first, length=float(length), frequencies=np.arange(1.0, repeats + 1.0), modes=np.ones((repeats, 2), int),
+                amplitudes=row[:, None, None], transmitted_by_mode=np.abs(row[:, None]) ** 2,
+            )
+            for row in pass_chains(length, count * repeats, spread, random).reshape(count, repeats)
+        ]  # fmt: skip
+        many = pass_chains(length, 10_000, spread, random)
+        energies.append(np.abs(many.mean()) ** 2)
+        logs.append(np.mean(np.log(np.abs(many) ** 2)))
+    found = gp.scattering_lengths(runs)
+    fall = -np.polyfit(lengths, np.log(energies), 1, w=np.sqrt(energies))[0]
+    path = (found.mean_free_path[:, 0], found.mean_free_path_error[:, 0], fall)
+    far = (0.5 * found.localisation_length, 0.5 * found.localisation_length_error, -np.polyfit(lengths, logs, 1)[0])
+    for value, error, true in (path, far):
+        known = np.isfinite(error)
+        rate, its = 1.0 / value[known], error[known] / value[known] ** 2
+        # errors that are known from so many samples leave out what Student's distribution has beyond two of them
+        missed, share = np.mean(np.abs(rate - true) > 2.0 * its) * np.mean(known), 2.0 * student.sf(2.0, count - 1)
+        assert missed < share + 3.0 * np.sqrt(share * (1.0 - share) / repeats)
+        assert_allclose(np.median(1.0 / value), true, rtol=0.06)
+    # and errors are not larger than need be
+    assert_allclose(np.sqrt(np.mean(its**2)), np.std(rate), rtol=0.2)
+
+
+def test_a_wave_that_only_the_shortest_strips_let_through_has_no_error():
+    light, random = even(MASS), np.random.default_rng(0)
+    first = gp.transmission(light, strip([MASS] * 2, [K]), light, [0.3 * TOP])
+    runs = []
+    for length, mean in ((1.0, 0.5), (2.0, 0.0), (3.0, 0.0)):
+        for sign in (1.0, -1.0, 1.0j, -1.0j):
+            t = mean + 0.1 * sign * (1.0 + 0.1 * random.standard_normal())
+            runs.append(replace(
+                first, length=length, amplitudes=np.array([[[t]]], complex), transmitted_by_mode=np.array([[abs(t) ** 2]]),
+            ))  # fmt: skip
+    found = gp.scattering_lengths(runs)
+    assert found.mean_free_path[0, 0] < 1.0
+    assert found.mean_free_path_error[0, 0] == np.inf
+    alike = [replace(one, amplitudes=np.full((1, 1, 1), np.exp(-0.5 * one.length), complex)) for one in runs]
+    exact = gp.scattering_lengths(alike)
+    assert_allclose([exact.mean_free_path[0, 0], exact.mean_free_path_error[0, 0]], [1.0, 0.0], atol=1e-9)
 
 
 @pytest.mark.parametrize(
