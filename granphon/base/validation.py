@@ -224,7 +224,8 @@ def lengths(value: Any, low: int, high: int, periods: int | None = None) -> tupl
 
     Without ``periods`` there may be one to three. A single one may stand alone, without a list.
     """
-    given = [value] if is_whole(value) and periods in (None, 1) else value
+    plain = value.tolist() if hasattr(value, "tolist") else value
+    given = [plain] if is_whole(plain) and periods in (None, 1) else plain
     words = given.split() if isinstance(given, str) else given
     count = periods or (len(words) if hasattr(words, "__len__") else 0)
     if not 1 <= count <= 3:

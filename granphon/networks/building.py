@@ -150,7 +150,7 @@ class Source:
         balls, contacts = self.balls, self.contacts
         dimension = self.dimension if dimension is None else dimension
         motions = self.motions if motions is None else motions
-        prestress = bool(self.prestress) if prestress is None else prestress
+        prestress = require("prestress", truth, self.prestress if prestress is None else prestress)
         if material is not None and not isinstance(material, Material):
             raise InputError(f"the material is {brief(material)}", mend="Give a gp.Material")
         friction = require("friction", truth, friction)
@@ -171,7 +171,8 @@ class Source:
         if contacts.shift is not None:
             far = ~np.all(np.abs(contacts.shift) <= MOST_STEPS, axis=1)
             contacts.refuse(far, f"has a shift of more than {MOST_STEPS} cells")
-        if not np.all(np.abs(self.cell) < LARGEST):
+        lengths = np.max(np.abs(self.cell), axis=1)
+        if not (np.all(lengths < LARGEST) and np.all((lengths > 1.0 / LARGEST) | ~self.pbc)):
             raise InputError(f"the cell is {self.cell.tolist()} m", mend="Give vectors in m")
         width, positions = balls.positions.shape[1], np.zeros((len(balls.positions), 3))
         positions[:, :width] = balls.positions
@@ -340,8 +341,9 @@ class Source:
         if not np.any(moving):
             return
         solid = material.density * (4.0 / 3.0 * math.pi) * balls.radii[moving] ** 3
-        ratio = float(np.median(balls.masses[moving] / solid))
-        if abs(ratio - 1.0) > _OTHER:
+        with np.errstate(all="ignore"):  # sizes and masses that cannot be reckoned with are refused later
+            ratio = float(np.median(balls.masses[moving] / solid))
+        if math.isfinite(ratio) and abs(ratio - 1.0) > _OTHER:
             what = f"{balls.name}: the masses are {ratio:.4g} times those of solid balls of {material.density:g} kg/m3"
             why = "The masses count, and the density of the material does not"
             mend = "Compare units and material. If balls are not solid, give the density of mass over volume"

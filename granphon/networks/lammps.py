@@ -16,7 +16,7 @@ from granphon.base.errors import InputError, StoppedEarlyWarning, brief, message
 from granphon.base.scales import Units
 from granphon.base.tables import plain_float
 from granphon.base.text import decode, list_names, read_bytes
-from granphon.base.validation import choice, not_negative, positive, require
+from granphon.base.validation import choice, not_negative, positive, require, whole_number
 from granphon.networks.building import MOST_BYTES, Balls, Contacts, Source, find_rounding, read_whole_numbers
 
 #: length (m), mass (kg) and force (N) that are one in LAMMPS' styles of units
@@ -60,6 +60,7 @@ def read_dumps(
     step: int | None, normal_stiffness: float | None, shear_stiffness: float | None,
 ) -> Source:  # fmt: skip
     """Return what two dumps say of balls and contacts; see ``ContactNetwork.from_lammps`` for the arguments."""
+    step = None if step is None else whole_number("step", step, 0)
     atoms, touching = _read_frame(dump, step, "ATOMS"), _read_frame(pairs, step, "ENTRIES")
     if atoms.step != touching.step:
         what = f"{dump} ends at the time step {atoms.step}, and {pairs} at {touching.step}"
@@ -74,7 +75,7 @@ def read_dumps(
     if isinstance(units, Units):
         style, (length, mass, force) = "lj", (units.length, units.mass, units.force)
     else:
-        style = require("units", lambda value: choice(value, [*_STYLES]), units or next(iter(told), "si"))
+        style = require("units", lambda value: choice(value, [*_STYLES]), next(iter(told), "si") if units is None else units)
         length, mass, force = _STYLES[style]
     if told and told != {style}:
         mend = "Leave units out"

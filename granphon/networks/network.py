@@ -29,7 +29,18 @@ from granphon.base.registry import Registry
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
-from granphon.base.validation import index_array, label, lengths, one_of, real_array, require, text_list, truth, whole_number
+from granphon.base.validation import (
+    index_array,
+    is_one_of,
+    label,
+    lengths,
+    one_of,
+    real_array,
+    require,
+    text_list,
+    truth,
+    whole_number,
+)
 from granphon.networks.building import LARGEST, MOST_STEPS, read_whole_numbers
 
 Found = TypeVar("Found")
@@ -141,6 +152,9 @@ class ContactNetwork(Result):
         given |= {name: require(name, truth, getattr(self, name)) for name in ("prestress", "adhesive")}
         given["dimension"] = whole_number("dimension", self.dimension, 1, 3)
         given["left_out"] = whole_number("left_out", self.left_out, 0)
+        if not isinstance(self.lattice, Lattice | None):
+            what = f"the lattice of the network is {brief(self.lattice)}"
+            raise InputError(what, mend="Give a granphon.Lattice, or None")
         if self.shape is not None:
             given["shape"] = require("shape", partial(lengths, low=1, high=MOST_CELLS), self.shape)
         if self.kinds is not None:
@@ -169,7 +183,7 @@ class ContactNetwork(Result):
             for name in {"shift", "normal", "tangential_force"} & {*self.contact_fields}:
                 own[name] = read_only(np.where(turned[:, None], 0 - own[name], own[name]))
         motions = allowed_motions(self.dimension)
-        if self.motions not in motions:
+        if not is_one_of(self.motions, motions):
             what = f"a network in {self.dimension} dimensions has no motions {brief(self.motions)}"
             raise InputError(what, mend="Use " + ", ".join(motions))
         if not self.n_balls:
@@ -400,6 +414,8 @@ class ContactNetwork(Result):
         order = np.argsort(ends, kind="stable")
         first = np.searchsorted(ends[order], np.arange(n + 1))
         loose = ~is_held(np.arange(n))
+        if not np.any(self.moving & ~loose):
+            return np.flatnonzero(loose)
         left, open_contacts = np.flatnonzero(loose).tolist(), np.ones(len(i), bool)
         while left:
             ball = left.pop()
@@ -432,11 +448,22 @@ class ContactNetwork(Result):
         kept[loose] = False
         if not np.any(kept & self.moving):
             why = "Each has fewer contacts than can hold it, or is left so by others"
-            fewer = range(self.dimension + 1 if least is None else least - 1, 0, -1)
-            held = next((n for n in fewer if np.any(np.delete(self.moving, self._find_rattlers(n)))), 0)
+            held = self._find_holding(self.dimension + 1 if least is None else least - 1)
             mend = f"If something else holds them too, give held_by={held}" if held else ""
             raise InputError("all balls of the network are rattlers, which carry no load", why, mend)
         return replace(self.select(kept), left_out=self.left_out + int(loose.size))
+
+    def _find_holding(self, most: int) -> int:
+        """Return the greatest ``held_by`` up to ``most`` at which a ball that moves is held; 0 if none above 0 holds one."""
+        contacts = np.bincount(np.concatenate([self.i, self.j]), minlength=self.n_balls)
+        low, high = 0, min(most, int(np.max(contacts, initial=0)))
+        while low < high:  # balls that are held by more contacts are held by fewer: bisection
+            middle = (low + high + 1) // 2
+            if np.any(np.delete(self.moving, self._find_rattlers(middle))):
+                low = middle
+            else:
+                high = middle - 1
+        return low
 
     def select(self, balls: ArrayLike) -> Self:
         """Return the network of some balls, given by their indices or as (n,) truth values, and of the contacts among them.
@@ -698,7 +725,7 @@ class ContactNetwork(Result):
         """
         from granphon.networks.tables import read_tables
 
-        source = read_tables(balls, contacts, columns or {}, cell, pbc)
+        source = read_tables(balls, contacts, {} if columns is None else columns, cell, pbc)
         return cls(**source.complete(material, friction, dimension, motions, prestress))._leave_out(keep_rattlers, held_by)
 
     @classmethod

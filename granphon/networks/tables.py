@@ -100,7 +100,10 @@ class _Columns:
                     cells = table.columns[keys.index(Heading.parse(wanted).key)]
                     self.kinds = tuple(map(sys.intern, cells))
                 elif wanted in arrays:
-                    self.kinds = tuple(map(str, np.asarray(arrays[wanted]).ravel().tolist()))
+                    try:
+                        self.kinds = tuple(map(str, np.asarray(arrays[wanted]).ravel().tolist()))
+                    except ValueError as error:
+                        raise InputError(f"kind of {self.name}: {error}", mend="Give a list of names") from None
             elif table is not None and wanted in table:
                 self._values[name], self._units[name] = _read_cells(table, name, wanted, kind), table.unit(wanted)
             elif wanted in arrays:
@@ -187,6 +190,9 @@ def _read_cells(table: Table, name: str, wanted: str, kind: Quantity | None) -> 
 
 def read_tables(balls: Any, contacts: Any, columns: Mapping[str, str], cell: Any, pbc: Any) -> Source:
     """Return what two tables say of balls and contacts; see ``ContactNetwork.from_table`` for the arguments."""
+    named: object = columns
+    if not isinstance(named, Mapping) or not all(isinstance(one, str) for pair in named.items() for one in pair):
+        raise InputError(f"columns are {brief(columns)}", mend="Give a mapping of names: {'radius': 'R (mm)'}")
     for name in columns:
         if name not in BALLS and name not in CONTACTS:
             meant = closest(name, [*BALLS, *CONTACTS])
@@ -215,10 +221,11 @@ def read_tables(balls: Any, contacts: Any, columns: Mapping[str, str], cell: Any
         periodic[: len(given)] = np.any(given != 0.0, axis=1)
     if pbc is not None:
         plain = pbc.tolist() if isinstance(pbc, np.ndarray) else pbc
-        if not isinstance(plain, list | tuple) or len(plain) > 3 or (any(plain) and cell is None):
+        flags = [require("pbc", truth, one) for one in plain] if isinstance(plain, list | tuple) else None
+        if flags is None or len(flags) > 3 or (any(flags) and cell is None):
             raise InputError(f"pbc is {brief(pbc)}", mend="Give a truth value for each vector of the cell")
-        periodic[: len(plain)] = [require("pbc", truth, one) for one in plain]
-        periodic[len(plain) :] = False
+        periodic[: len(flags)] = flags
+        periodic[len(flags) :] = False
     of_balls.require("x")
     if "radius" in of_balls and "diameter" in of_balls:
         raise InputError(f"{of_balls.name} has both radius and diameter", mend="Leave one of them out")

@@ -1,7 +1,7 @@
 """Networks of contacts, and the dynamical matrix of a network: against the bands of lattices and the matrices of arrays."""
 
 import json
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -321,6 +321,23 @@ def test_rattlers_by_brute_force():
         assert 0 < len(kept) < 60
 
 
+@pytest.mark.parametrize("held_by", [5, 7, 300_000, 10**39])
+def test_the_number_that_holds_balls_is_found_in_few_steps(held_by, monkeypatch):
+    """The error names the largest number of contacts at which a ball is held; senseless numbers cost no more than others."""
+    rng = np.random.default_rng(8)
+    places = rng.uniform(0.0, 13.0, (80, 2))
+    apart = np.linalg.norm(places[:, None] - places, axis=-1)
+    network = make(places, np.argwhere(np.triu(np.abs(apart - 2.0) < 0.45, 1)), slip=0.5)
+    largest = max(n for n in range(12) if network._find_rattlers(n).size < network.n_balls)
+    assert 1 < largest < 5
+    passes = []
+    find = ContactNetwork._find_rattlers
+    monkeypatch.setattr(ContactNetwork, "_find_rattlers", lambda self, n=None: passes.append(n) or find(self, n))
+    with pytest.raises(gp.GranphonError, match=f"held_by={largest}"):
+        network.without_rattlers(held_by)
+    assert len(passes) <= 5
+
+
 def test_pieces():
     """Two triangles and a ball alone; a wall between the triangles does not join them, and belongs to both."""
     triangle = np.array([[0.0, 0.0], [2.0, 0.0], [1.0, 3.0**0.5]])
@@ -451,6 +468,10 @@ BAD = {
     "length of contacts": (lambda n: {"shift": n.shift[1:]}, "shift .* shape"),
     "flat places": (lambda n: {"positions": n.positions[:, :2]}, "positions .* shape"),
     "motions": (lambda _: {"motions": "sideways"}, "no motions 'sideways'. Use in_plane"),
+    "list of motions": (lambda _: {"motions": ["in_plane"]}, "no motions .'in_plane'.. Use in_plane"),
+    "lattice": (lambda _: {"lattice": "triangular"}, "the lattice of the network is 'triangular'"),
+    "shape of no length": (lambda _: {"shape": np.array(1.0)}, "shape: found .*one to three whole numbers"),
+    "shape of a part": (lambda _: {"shape": np.array([4.0, 3.5])}, "shape: found .*two whole numbers"),
     "dimension": (lambda _: {"dimension": 4}, "dimension: found 4"),
     "whole dimension": (lambda _: {"dimension": 2.0}, "dimension: found 2.0"),
     "prestress": (lambda _: {"prestress": "no"}, "prestress"),
@@ -470,6 +491,28 @@ def test_what_a_network_cannot_be(name):
     with pytest.raises(gp.GranphonError, match=said) as error:
         replace(network, **wrong(network))
     assert "\n" not in str(error.value)
+
+
+ANYTHING = (
+    None, "", "a", b"x", 0, -1, 1.5, NAN, INF, -INF, 1e308, 5e-324, 10**400, 2**63, True, 1j, [], (), {}, {1}, object(), int,
+    np.array(1.0), np.array("x"), np.array(None), np.zeros(0), np.zeros((0, 3)), np.zeros((3, 3, 3)), np.full((3, 3), INF),
+    np.full(12, NAN), np.full((36, 3), 1e308), np.full((36, 3), -(2**63)), np.array([10**400] * 12, object), [[1], [1, 2]],
+    [None] * 12, [[]] * 12, [1j] * 36, range(3), np.ma.masked_array(np.ones(12), np.arange(12) < 3), (10**6,) * 3, ["all"],
+    np.datetime64("2020"), np.str_("all"), ...,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", [field.name for field in fields(ContactNetwork)])
+def test_anything_in_place_of_a_field_is_taken_or_one_error(name):
+    network = with_lattice((4, 3))
+    refused = 0
+    for value in ANYTHING:
+        try:
+            replace(network, **{name: value})
+        except gp.GranphonError as error:
+            assert len(str(error)) < 1000
+            refused += 1
+    assert refused > len(ANYTHING) // 2
 
 
 def test_what_a_network_may_be():
