@@ -14,7 +14,7 @@ whose columns are summed in closed form: all digits are kept, down to |q|d = 1e-
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -74,6 +74,7 @@ class Block:
         None without prestress.
     bent : places in the block of the displacements across the periods that tilt the balls, at most two.
     tilt : (bent, n, p) gradients, with respect to q, of the motions that go with each of them.
+    slack : part of the largest squared frequency by which others may be below zero, and are then zero.
     turn : (n, n) unitary, to the motions of the frame from those of the rows, see :meth:`still`; None if they are the same.
     """
 
@@ -84,6 +85,7 @@ class Block:
     bent: tuple[int, ...] = ()
     tilt: NDArray[Any] = field(default_factory=lambda: np.zeros((0, 0, 0)))
     turn: NDArray[Any] | None = None
+    slack: float = 0.0
 
     def still(self) -> Block:
         """Return the block in terms of motions of which some deform nothing at q = 0, if there are such besides sound.
@@ -243,7 +245,7 @@ class Block:
             if np.any(split):
                 here = right[some[split], :, part]
                 vectors = here if point.basis is None else point.basis[some[split]] @ here
-                own = factors[place[split]] if self.pushing is None else factorise(matrices[place[split]])
+                own = factors[place[split]] if self.pushing is None else factorise(matrices[place[split]], self.slack)
                 u, _, vh = np.linalg.svd(vectors.conj().swapaxes(1, 2) @ lapack_svd(own)[1][:, :, part])
                 right[some[split], :, part] = here @ (u @ vh)
 
@@ -301,7 +303,7 @@ class Block:
             values, right = graded_svd(point.rows if rest is None else point.rows @ rest)
         else:
             own = pushed if rest is None else rest.conj().swapaxes(1, 2) @ pushed @ rest
-            values, right = graded_eigh(own, factorise)
+            values, right = graded_eigh(own, partial(factorise, slack=self.slack))
         if apart is not None and rest is not None:
             values = np.pad(values, ((0, 0), (self.free, 0)))
             right = np.concatenate([apart[:, :, : self.free], rest @ right], axis=2)
@@ -403,15 +405,19 @@ class _Slopes:
         return left, np.concatenate([plain + bent, -(shape**2) * lengths], axis=2)
 
 
-def factorise(matrices: NDArray[Any]) -> NDArray[Any]:
+def factorise(matrices: NDArray[Any], slack: float = 0.0) -> NDArray[Any]:
     """Return L^H of D = L L^H.
 
-    Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative.
+    Raises :class:`~granphon.base.errors.InstabilityError` if a squared frequency is negative, by more than ``slack`` of the
+    largest; by less it is taken for zero.
     """
     try:
         return cholesky_factor(matrices)
     except np.linalg.LinAlgError:
-        raise InstabilityError("a squared frequency is negative") from None
+        squares, vectors = np.linalg.eigh(matrices)
+        if not slack or np.any(squares[:, 0] < -slack * squares[:, -1]):
+            raise InstabilityError("a squared frequency is negative") from None
+        return np.asarray(np.sqrt(np.maximum(squares, 0.0))[..., None] * vectors.conj().swapaxes(1, 2))
 
 
 def find_blocks(effects: NDArray[np.bool_]) -> list[NDArray[np.intp]]:

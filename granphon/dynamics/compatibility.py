@@ -21,7 +21,7 @@ from granphon.base.results import read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
 from granphon.base.validation import finite_array, not_negative, real_array
-from granphon.dynamics.rows import Row, WaveRows, contact_rows, push_rows, weigh_rows
+from granphon.dynamics.rows import Row, WaveRows, carry_rows, contact_rows, push_rows, split_pairs, weigh_rows
 from granphon.networks.network import ContactNetwork
 
 #: radius of gyration of a ball about a diameter, (I/M)^1/2 = d/sqrt(10) (equation 8)
@@ -30,6 +30,9 @@ GYRATION = float(1.0 / np.sqrt(10.0))
 _FARTHEST = 1e15
 #: most memory of a wave vector, bytes
 MOST_BYTES = 2**33
+#: part of the largest square by which D lowers others, where static tangential forces act: a tenth of this was seen where
+#: overlaps are d/50
+_WITHOUT_POTENTIAL = 1e-5
 #: distance, over the size of the cell, up to which balls are at one place
 _PLACE = 1e-9
 #: relative difference of vectors that are equal but for rounding
@@ -71,6 +74,9 @@ class Compatibility:
     gyration : (n,) radii of gyration; d/sqrt(10) by default.
     torsion : stiffness of twist over that of elongation times d^2; a number, or (n_c,).
     bending : stiffness of rolling, over the same; a number, or (n_c,).
+    tangential_force : (n_c, d) static forces across contacts, with which ball i acts on ball j; none by default. They act
+        on motions as in :func:`~granphon.dynamics.rows.carry_rows`, but for the part that has no potential.
+    distance : (n_c,) of the centres, by default the length of the vectors of the contacts.
     motions : of each ball; those of the plane by default. Balls do not turn if no contact resists it.
     name : of the lattice, in messages.
 
@@ -82,7 +88,8 @@ class Compatibility:
     def __init__(
         self, cell: ArrayLike, positions: ArrayLike, contacts: ContactTable, mindlin_ratio: ArrayLike,
         stiffness: ArrayLike = 1.0, prestress: ArrayLike = 0.0, masses: ArrayLike = 1.0, gyration: ArrayLike = GYRATION, *,
-        torsion: ArrayLike = 0.0, bending: ArrayLike = 0.0, motions: Motions = IN_PLANE, name: str = "of these contacts",
+        torsion: ArrayLike = 0.0, bending: ArrayLike = 0.0, tangential_force: ArrayLike = 0.0,
+        distance: ArrayLike | None = None, motions: Motions = IN_PLANE, name: str = "of these contacts",
     ) -> None:  # fmt: skip
         self.name = name
         self.cell: Array = read_only(real_array("cell", cell))
@@ -95,6 +102,10 @@ class Compatibility:
         self.motions = select_motions(self.mindlin_ratio, self.torsion, self.bending, motions)
         self.stiffness: Array = read_only(np.broadcast_to(real_array("stiffness", stiffness), len(contacts)))
         self.prestress: Array = read_only(np.broadcast_to(real_array("prestress", prestress), len(contacts)))
+        across = real_array("tangential_force", tangential_force)
+        self.tangential_force: Array = read_only(np.broadcast_to(across, contacts.normal.shape))
+        apart = np.linalg.norm(contacts.vector, axis=1) if distance is None else real_array("distance", distance)
+        self.distance: Array = read_only(np.broadcast_to(apart, len(contacts)))
         self.masses: Array = read_only(np.broadcast_to(real_array("masses", masses), self.n_balls))
         self.gyration: Array = read_only(np.broadcast_to(real_array("gyration", gyration), self.n_balls))
         if not (np.all(self.masses > 0.0) and np.all(self.stiffness > 0.0)):
@@ -161,7 +172,21 @@ class Compatibility:
     @cached_property
     def is_prestressed(self) -> bool:
         """Whether the static contact force itself enters the stiffness; K is then indefinite."""
-        return bool(np.any(self.prestress != 0.0))
+        return bool(np.any(self.prestress != 0.0) or self.has_tangential_force)
+
+    @property
+    def slack(self) -> float:
+        """Part of the largest squared frequency by which D may be below zero where balls are at rest.
+
+        D lacks the part of static tangential forces that has no potential. That lowers what costs nothing, as the spin of a
+        ball about its two contacts, by the second order of the forces.
+        """
+        return _WITHOUT_POTENTIAL if self.has_tangential_force else 0.0
+
+    @cached_property
+    def has_tangential_force(self) -> bool:
+        """Whether static forces act across contacts."""
+        return bool(np.any(self.tangential_force != 0.0))
 
     def wavevectors(self, fractions: ArrayLike) -> Array:
         """Return Cartesian wave vectors (..., p), 1/d, from fractions (..., p), or (..., 3), of the reciprocal cell."""
@@ -272,15 +297,34 @@ class Compatibility:
         nothing = np.zeros((len(table), self.motions.count))
         return found or [Row("elongation", 1.0, nothing, nothing)]
 
+    @cached_property
+    def static_rows(self) -> list[tuple[Row, Array]]:
+        """Rows on which static forces act, and their stiffness (n_c,): -f/a of displacements across contacts.
+
+        Tangential forces T have three pairs of rows, of which each is the difference of two squares.
+        """
+        table, normal, across = self.contacts, np.zeros((len(self.contacts), 3)), np.zeros((len(self.contacts), 3))
+        found = [(row, -self.prestress) for row in push_rows(table.normal, self.motions)]
+        if not self.has_tangential_force:
+            return found
+        normal[:, : table.normal.shape[1]], across[:, : table.normal.shape[1]] = table.normal, self.tangential_force
+        size, gyration = np.linalg.norm(across, axis=1), np.append(self.gyration, 1.0)
+        across = np.divide(across, size[:, None], out=across, where=size[:, None] > 0.0)
+        pairs = carry_rows(
+            normal, across, self.distance, table.arm_i, table.arm_j, self.motions, gyration[table.i], gyration[table.j]
+        )
+        return found + [(row, sign * size) for row, sign in split_pairs(pairs)]
+
     def _weight_rows(self, prestress: bool = False) -> tuple[list[Row], Array]:
         """Return rows, and the square roots (kinds, n_c) of their stiffness.
 
-        With ``prestress`` the rows are those of displacements across contacts, and the roots those of |f/a|.
+        With ``prestress`` the rows are :attr:`static_rows`, and the roots those of the sizes of their stiffness.
         """
         if prestress:
-            rows, stiffness = push_rows(self.contacts.normal, self.motions), np.abs(self.prestress)
-        else:
-            rows, stiffness = self.rows, self.stiffness
+            rows = [row for row, _ in self.static_rows]
+            sizes = [np.abs(stiffness) for _, stiffness in self.static_rows]
+            return rows, np.sqrt(sizes).reshape(len(rows), len(self.contacts))
+        rows, stiffness = self.rows, self.stiffness
         return rows, np.sqrt([row.stiffness * stiffness for row in rows]).reshape(len(rows), len(self.contacts))
 
     def _combine_ends(self, rows: list[Row], root: Array, frame: Array | None = None) -> tuple[Array, Array]:
@@ -333,9 +377,10 @@ class Compatibility:
         size, inverse = np.abs(self.positions).max() + np.abs(self.cell).max(), np.linalg.inv(self.cell[:, :p])
         ratios = [np.broadcast_to(one, len(table)) for one in (self.mindlin_ratio, self.torsion, self.bending)]
         same = np.column_stack([table.arm_i, table.arm_j, self.stiffness, self.prestress, *ratios])
-        opposite = np.column_stack([table.vector, table.normal])
+        opposite = np.column_stack([table.vector, table.normal, self.tangential_force])
         # centres are rounded as far as they lie from the origin
-        rounding = _ALIKE * np.repeat([max(size, 1.0), 1.0], [table.vector.shape[1], table.normal.shape[1]])
+        largest = [max(size, 1.0), 1.0, float(np.max(np.abs(self.tangential_force), initial=0.0))]
+        rounding = _ALIKE * np.repeat(largest, [one.shape[1] for one in (table.vector, table.normal, self.tangential_force)])
         keys = np.column_stack([table.i, table.j, table.shift]).tolist()
         places = {tuple(key): c for c, key in enumerate(keys)}
         balls = np.column_stack([self.masses, self.gyration])
@@ -422,9 +467,14 @@ class Compatibility:
         return self._make_real_waves(prestress=True)
 
     @cached_property
+    def static_signs(self) -> Array:
+        """(kinds, n_c) sign with which the square of each row of :attr:`static_rows` lowers D."""
+        return -np.sign([stiffness for _, stiffness in self.static_rows]).reshape(-1, len(self.contacts))
+
+    @cached_property
     def _push_signs(self) -> Array:
-        """(n_c,) sign of the static force in the contact of each row of displacements across contacts."""
-        return np.sign(self.prestress[self._wave_contacts])
+        """(kinds, n_c) the same of the rows in which contacts and their images have changed places."""
+        return self.static_signs[:, self._wave_contacts]
 
     def _compute_frame_matrix(self, wavevectors: ArrayLike) -> NDArray[Any]:
         """Return D(q) in the frame, including prestress."""
@@ -433,7 +483,7 @@ class Compatibility:
         matrix = rows.conj().swapaxes(1, 2) @ rows
         if self.is_prestressed:
             across = self._pushing.compute_rows(q)
-            signs = np.tile(self._push_signs, len(self._pushing.odd))[:, None]
+            signs = self._push_signs.reshape(-1, 1)
             matrix = matrix - across.conj().swapaxes(1, 2) @ (signs * across)
         return np.asarray(matrix)
 
@@ -483,8 +533,10 @@ class Compatibility:
         positions[:, : self.dimension] = d * self.positions
         normal[:, : table.normal.shape[1]], shift[:, :p] = table.normal, table.shift
         masses, spring = units.mass * self.masses, units.stiffness * self.stiffness
-        if self.is_prestressed:  # its statics are those of normal forces alone
-            more = {"tangential_force": np.zeros((count, 3)), **more}
+        if self.is_prestressed:
+            across = np.zeros((count, 3))
+            across[:, : self.tangential_force.shape[1]] = units.force * self.tangential_force
+            more = {"tangential_force": across, **more}
         given = {
             "motions": self.named_motions.name, "prestress": self.is_prestressed, "pbc": (p > 0, p > 1, p > 2),
             "positions": positions, **more,

@@ -137,8 +137,10 @@ class ContactLattice(LongWaves):
         lie along x, or in the xy plane, the network is turned: its first period is then along x, the second in the xy plane.
         The network keeps the lattice, with what that has found.
 
-        Raises :class:`~granphon.base.errors.InputError` for a network without a period, without contacts or balls that move,
-        and for one in which static tangential forces act, which have no potential.
+        With ``prestress`` its tangential forces act as well, but for the part that has no potential: D is that of
+        :class:`granphon.Waves`.
+
+        Raises :class:`~granphon.base.errors.InputError` for a network without a period, without contacts or balls that move.
         """
         return network.cached(cls._make_of_network)
 
@@ -148,9 +150,6 @@ class ContactLattice(LongWaves):
         if not axes.size:
             why, mend = "Bands and sound are those of balls that repeat without end", "Use gp.Waves, or give pbc and a cell"
             raise InputError("the network repeats along no axis", why, mend)
-        if network.prestress and network.tangential_force is not None and np.any(network.tangential_force):
-            what, why = "the network has static tangential forces", "With prestress they act, and have no potential"
-            raise InputError(what, why, "Use gp.Waves, or a network without prestress")
         moving, units, count = network.moving, network.scales, int(np.count_nonzero(network.moving))
         number = np.full(network.n_balls, count)
         number[moving] = np.arange(count)
@@ -162,11 +161,16 @@ class ContactLattice(LongWaves):
                 ((network.arm_j, network.arm_i), (network.arm_i, network.arm_j))]  # fmt: skip
         held = swapped | ~moving[j]
         turn = find_axes(network.cell[axes, :dimension])
-        normal, vector, positions, cell = (
+        given = network.tangential_force
+        force = np.zeros((len(kept), 3)) if given is None or not network.prestress else given[kept]
+        normal, vector, positions, cell, across = (
             vectors[:, :dimension] @ turn.T
-            for vectors in (network.normal[kept], network.vector[kept], network.positions[moving], network.cell[axes])
-        )
+            for vectors in (
+                network.normal[kept], network.vector[kept], network.positions[moving], network.cell[axes], force,
+            )
+        )  # fmt: skip
         normal[swapped] *= -1.0
+        across[swapped] *= -1.0
         vector[held] = 0.0
         cell[:, axes.size :] = 0.0
         shift = np.where(held[:, None], 0, network.shift[kept][:, axes])
@@ -184,6 +188,7 @@ class ContactLattice(LongWaves):
             cell / units.length, positions / units.length, table, network.shear_stiffness[kept] / spring,
             stiffness=spring / units.stiffness, prestress=load, masses=network.masses[moving] / units.mass,
             gyration=find_gyration(network)[moving] / units.length, torsion=twist, bending=roll,
+            tangential_force=across / units.force, distance=network.distance[kept] / units.length,
             motions=allowed_motions(dimension)[network.motions], name="of this network",
         )  # fmt: skip
 
@@ -358,7 +363,7 @@ class ContactLattice(LongWaves):
             waves = [one.select(rows, columns) for one, rows in zip(kinds, own, strict=True)]
             if self.is_prestressed:
                 signs = np.broadcast_to(self._push_signs, own[1].shape)[own[1]]
-                found.append(Block(columns, waves[0], waves[1], signs[:, None]))
+                found.append(Block(columns, waves[0], waves[1], signs[:, None], slack=self.slack))
                 continue
             # displacements across the periods, and what goes with each as the balls tilt with it: a displacement u of the
             # centre of mass turns the balls by phi = i q x u, and moves those that lie off the middle of the layer, by the

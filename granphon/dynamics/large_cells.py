@@ -80,9 +80,9 @@ class LargeCell:
         self.kinds: list[_Ends] = []
         for prestress, (own, roots) in enumerate(rows):
             ends = [one @ self.frame for one in compose_ends(lattice, own, roots)]
-            signs = -np.sign(lattice.prestress) if prestress else np.ones(len(table))
+            signs = -lattice.static_signs if prestress else np.ones((len(own), len(table)))
             half = np.tile(0.5 * table.vector[:, : lattice.periods], (len(own), 1))
-            self.kinds.append(_Ends(ends[0], ends[1], half, np.tile(signs, len(own))))
+            self.kinds.append(_Ends(ends[0], ends[1], half, signs.ravel()))
 
     def find_frequencies(self, q: Array) -> Array | None:
         """Find frequencies (n,), ascending, at one wave vector (p,); None if digits would be lost."""

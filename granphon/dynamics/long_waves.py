@@ -275,20 +275,37 @@ class LongWaves(Compatibility):
         if self._relaxation is not None:
             own = self._relaxation.eliminate(own, mixed, block)
         elif block.size:
-            own = own - mixed.swapaxes(-1, -2) @ np.linalg.pinv(block, rcond=1e-13, hermitian=True) @ mixed
+            own = own - mixed.swapaxes(-1, -2) @ self._invert(block) @ mixed
         stiffness = np.asarray(own.reshape(*own.shape[:-2], *shape))
         across = self._is_across
-        if across.any():  # a gradient of displacements across the periods costs the work of the static stress, nothing else
+        if (
+            across.any() and not self.has_tangential_force
+        ):  # a gradient of displacements across the periods costs the work of the static stress, nothing else
             stiffness[..., across, :, :, :] = 0.0
             stiffness[..., :, :, across, :] = 0.0
             for axis in np.flatnonzero(across):
                 stiffness[..., axis, :, axis, :] = -each * push[3]
         return stiffness
 
+    def _invert(self, block: Array) -> Array:
+        """Return the inverse of forms (..., n, n) of inner motions, zero for those that cost nothing."""
+        if not self.slack:
+            return np.linalg.pinv(block, rcond=1e-13, hermitian=True)
+        values, vectors = np.linalg.eigh(block)
+        stiff = (values > 1e-13 * values[-1]) | (values < -self.slack * values[-1])
+        inverse = np.divide(1.0, values, out=np.zeros_like(values), where=stiff)
+        return np.asarray((vectors * inverse) @ vectors.T)
+
     def _find_load(self, prestress: ArrayLike | None) -> tuple[Any, tuple[Array, ...]]:
-        """Return a factor (..., 1, 1) and the :meth:`_compute_push_forms` that it multiplies."""
+        """Return a factor (..., 1, 1), and what it multiplies: :meth:`_compute_push_forms`, and the sum of f r r/a."""
         if prestress is None:
-            return 1.0, self._compute_push_forms(self.prestress)
+            rows, root = self._weight_rows(prestress=True)
+            vector, across = self.contacts.vector[:, : self.periods], self.tangential_force[:, : self.periods]
+            stress = vector.T @ (self.prestress[:, None] * vector)
+            if self.has_tangential_force:
+                turned = across.T @ vector
+                stress = stress + 0.5 * (turned + turned.T)
+            return 1.0, (*self._compute_push_forms(rows, self.static_signs * root**2), stress)
         each = real_array("prestress", prestress)
         return (each[..., None, None] if each.ndim else float(each)), self._even_push_forms
 
@@ -300,20 +317,14 @@ class LongWaves(Compatibility):
 
     @cached_property
     def _even_push_forms(self) -> tuple[Array, ...]:
-        return self._compute_push_forms(np.ones(len(self.contacts)))
-
-    def _compute_push_forms(self, prestress: Array) -> tuple[Array, ...]:
-        """Return the forms of :attr:`_spring_forms` for displacements across contacts, weighted by ``prestress`` (n_c,).
-
-        The fourth is the sum over contacts of the vector along the periods with itself, (p, p).
-        """
         push, vector = push_rows(self.contacts.normal, self.motions), self.contacts.vector[:, : self.periods]
-        across, inner = self._deform_uniformly(push, np.ones((len(push), len(self.contacts))))
-        load = np.tile(prestress, len(push))[:, None]
-        return (
-            across.T @ (load * across), inner.T @ (load * across), inner.T @ (inner * load),
-            vector.T @ (prestress[:, None] * vector),
-        )  # fmt: skip
+        return (*self._compute_push_forms(push, np.ones((len(push), len(self.contacts)))), vector.T @ vector)
+
+    def _compute_push_forms(self, rows: list[Row], load: Array) -> tuple[Array, ...]:
+        """Return the forms of :attr:`_spring_forms` for rows of static forces, weighted by ``load`` (kinds, n_c)."""
+        across, inner = self._deform_uniformly(rows, np.ones(load.shape))
+        weight = load.reshape(-1, 1)
+        return across.T @ (weight * across), inner.T @ (weight * across), inner.T @ (inner * weight)
 
     def acoustic_tensor(self, direction: ArrayLike, prestress: ArrayLike | None = None) -> Array:
         """Return the acoustic tensor A(q^), (..., n_u, n_u), k d^2/M: the small-q limit of D/q^2 with rotations eliminated.

@@ -43,7 +43,8 @@ class Row(NamedTuple):
 
     Attributes
     ----------
-    kind : "elongation", "slip", "twist", "roll"; "push", a displacement across the contact; or "turn", a sum of rotations.
+    kind : "elongation", "slip", "twist", "roll"; "push", a displacement across the contact; "turn", a sum of rotations; or
+        "carry", what a static tangential force acts on.
     stiffness : stiffness over that of elongation: eta for slip, in units of d^2 for twist and roll; a number, or one per
         contact.
     head, tail : (n_c, motions) coefficients of the motions of ball j and of ball i.
@@ -123,7 +124,10 @@ def push_rows(normal: Array, motions: Motions) -> list[Row]:
     return _keep_resisted([("push", 1.0, axis, none, 1.0, 1.0) for axis in (t, b)], motions)
 
 
-def carry_rows(network: ContactNetwork, force: Array) -> list[tuple[Row, Row]]:
+def carry_rows(
+    normal: Array, force: Array, distance: Array, arm_i: Array, arm_j: Array, motions: Motions,
+    gyration_i: Array, gyration_j: Array,
+) -> list[tuple[Row, Row]]:  # fmt: skip
     """Return the stiffness that static forces T = ``force`` (n_c, 3) across contacts have: the sum of pull^T move.
 
     T, with which ball i acts on ball j, stays across the normal, and its lever arms change by half of the elongation e:
@@ -131,23 +135,32 @@ def carry_rows(network: ContactNetwork, force: Array) -> list[tuple[Row, Row]]:
         dF_j = -dF_i = -(T.dn) n,    dM_i = -arm_i dn x T - (e/2) n x T,    dn = v/r
 
     where v is the displacement across the contact and r the ``distance``; and dM_j, with its own arm, likewise. That has no
-    potential: the sum is not symmetric. T does not turn about n with the balls.
+    potential: the sum is not symmetric. T does not turn about n with the balls. ``normal`` is (n_c, 3), the rest as for
+    :func:`contact_rows`.
     """
-    n, motions, gyration = network.normal, network.ball_motions, find_gyration(network)
-    beside = np.cross(n, force)
-    one_i, one_j = 1.0 / gyration[network.i], 1.0 / gyration[network.j]
+    n, beside = normal, np.cross(normal, force)
+    one_i, one_j = 1.0 / gyration_i, 1.0 / gyration_j
     none = list(np.zeros((3, len(n))))
 
     def push(vector: Array) -> Row:
-        return _make_row("push", 1.0, list((vector / network.distance[:, None]).T), none, one_j, one_i, motions)
+        return _make_row("push", 1.0, list((vector / distance[:, None]).T), none, one_j, one_i, motions)
 
     def turn(vector: Array, at_j: Array, at_i: Array) -> Row:
         return _make_row("turn", 1.0, none, list(vector.T), at_j * one_j, -at_i * one_i, motions)
 
     along, unit = _make_row("elongation", 1.0, list(n.T), none, one_j, one_i, motions), np.ones(len(n))
     # v x T is along n
-    turned = turn(n, network.arm_j, network.arm_i), push(-beside)
+    turned = turn(n, arm_j, arm_i), push(-beside)
     return [(along, push(force)), turned, (turn(0.5 * beside, unit, unit), along)]
+
+
+def split_pairs(pairs: Sequence[tuple[Row, Row]]) -> list[tuple[Row, float]]:
+    """Return rows, with signs: the sum of signs times squares is the symmetric part of pull^T move of ``pairs``."""
+    return [
+        (Row("carry", 1.0, 0.5 * (pull.head + sign * move.head), 0.5 * (pull.tail + sign * move.tail)), sign)
+        for pull, move in pairs
+        for sign in (1.0, -1.0)
+    ]  # fmt: skip
 
 
 def weigh_rows(rows: Sequence[Row], weights: NDArray[Any]) -> NDArray[Any]:

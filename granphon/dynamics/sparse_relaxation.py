@@ -150,23 +150,28 @@ class SparseRelaxation:
 
         lattice = self.lattice
         scale = diags_array(1.0 / self._scale)
-        matrix, mixed = (scale @ block @ scale).tocsr(), np.asarray(scale @ mixed)
+        matrix = (scale @ block @ scale).tocsr()
         with single_products():
             fronts = Fronts(matrix, self.layers, lattice.motions.count)
             loose = fronts.follow()
-            motion = np.zeros_like(mixed)
-            for _ in range(1 + _CORRECTIONS):
+            for _ in range(_CORRECTIONS):
                 loose -= fronts.solve(matrix @ loose)
-                motion += fronts.solve(mixed - matrix @ motion)
-        basis = np.linalg.qr(loose)[0]
-        costs = basis.T @ (matrix @ basis)
-        values, vectors = np.linalg.eigh(0.5 * (costs + costs.T))
-        limit = _NO_SQUARE * _bound(matrix)
-        if values.size and values[0] < -limit:
-            raise self._explain_buckling(block, scale @ basis @ vectors[:, 0])
-        stiff = values > limit
+            basis = np.linalg.qr(loose / self._scale[:, None])[0]
+            costs = basis.T @ (block @ basis)
+            values, vectors = np.linalg.eigh(0.5 * (costs + costs.T))
+            top = _bound(block)
+            if values.size and values[0] < -max(_NO_SQUARE, lattice.slack) * top:
+                raise self._explain_buckling(block, basis @ vectors[:, 0])
+            # of static forces without a potential a part is missing that leaves nothing on motions that cost nothing
+            stiff = values > _NO_SQUARE * top
+            free = basis @ vectors[:, ~stiff]
+            mixed = mixed - free @ (free.T @ mixed)
+            pull = np.asarray(scale @ mixed)
+            motion = np.zeros_like(pull)
+            for _ in range(1 + _CORRECTIONS):
+                motion += fronts.solve(pull - matrix @ motion)
         forces = (basis @ vectors[:, stiff]).T @ mixed
-        return np.asarray(own - mixed.T @ motion - forces.T @ (forces / values[stiff, None]))
+        return np.asarray(own - pull.T @ motion - forces.T @ (forces / values[stiff, None]))
 
     def _explain_buckling(self, block: Any, motion: Array) -> InstabilityError:
         lattice = self.lattice

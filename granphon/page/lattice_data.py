@@ -12,6 +12,7 @@ from granphon.balls.layers import find_outer
 from granphon.balls.motions import ALL, Motions, allowed_motions, select_motions
 from granphon.balls.packing import Packing
 from granphon.base.arrays import Array
+from granphon.base.errors import InputError
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.rows import Row, contact_rows, push_rows
 from granphon.phonons.paths import BandPath, default_letters, special_points, split_letters, zone_faces, zone_polygon
@@ -42,6 +43,9 @@ def describe_network(lattice: ContactLattice, name: str) -> dict[str, Any]:
     ``masses`` and radii of gyration of their own. ``complex`` says that the rows of a single ball are not real. Of a cut,
     ``sides`` are -1 and 1 of balls in its lower and upper quarter, and 0 of others; otherwise None.
     """
+    if lattice.has_tangential_force:
+        what, mend = "a page draws no bands under static tangential forces", "Give a network without prestress"
+        raise InputError(what, mend=mend)
     table, motions, p = lattice.contacts, lattice.named_motions, lattice.periods
     vectors, repeats = lattice.cell[:, :p], (True,) * p
     known = special_points(vectors, repeats)

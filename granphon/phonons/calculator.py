@@ -40,7 +40,7 @@ from granphon.base.scales import Units
 from granphon.base.validation import is_one_of, one_of
 from granphon.dynamics.compatibility import GYRATION
 from granphon.dynamics.contact_lattice import ContactLattice
-from granphon.dynamics.rows import Row, contact_rows, push_rows
+from granphon.dynamics.rows import Row, contact_rows
 from granphon.media.state import ContactState, Law, NetworkState, as_state, given_state
 from granphon.networks.network import ContactNetwork
 from granphon.phonons.ball_contacts import VOIGT, BallContacts, ContactCalculator
@@ -704,9 +704,7 @@ def _find_turn(normal: Array, vector: Array, distance: Array, touching: Flags) -
 def _list_springs(lattice: ContactLattice) -> list[tuple[Row, Array]]:
     """Return the rows of the contacts and their stiffnesses (n_c,), those of static forces among them."""
     springs = [(row, row.stiffness * lattice.stiffness) for row in lattice.rows]
-    if lattice.is_prestressed:
-        springs += [(row, -lattice.prestress) for row in push_rows(lattice.contacts.normal, lattice.motions)]
-    return springs
+    return springs + lattice.static_rows if lattice.is_prestressed else springs
 
 
 def contact_blocks(lattice: ContactLattice) -> Array:

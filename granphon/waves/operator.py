@@ -33,7 +33,7 @@ from scipy.sparse.linalg import LinearOperator
 from granphon.array.contact_operator import ContactHessian, ContactOperator
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import InputError, InstabilityError, message
-from granphon.dynamics.rows import Row, carry_rows, network_rows, push_rows, weigh_rows
+from granphon.dynamics.rows import Row, carry_rows, find_gyration, network_rows, push_rows, weigh_rows
 from granphon.networks.network import ContactNetwork
 
 if TYPE_CHECKING:
@@ -263,7 +263,11 @@ class WaveOperator(LinearOperator):
         network, force = self.network, self.network.static_forces[1]
         if not network.prestress or not np.any(force):
             return ()
-        pairs = carry_rows(network, force)
+        gyration = find_gyration(network)
+        pairs = carry_rows(
+            network.normal, force, network.distance, network.arm_i, network.arm_j, network.ball_motions,
+            gyration[network.i], gyration[network.j],
+        )  # fmt: skip
         return tuple((list(rows), [np.ones(network.n_contacts)] * len(pairs)) for rows in zip(*pairs, strict=True))
 
     @cached_property

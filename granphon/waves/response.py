@@ -360,7 +360,10 @@ def find_response(
         if most > 0.0:
             below = write_quantity(float(most), QUANTITIES[quantity], 2)
             why += f"; where it is above 1, all that is known is that they are below {below}"
-        warnings = (*warnings, f"the error of the response is above {_UNSURE:g} at {where}: {why}.",)
+        warnings = (
+            *warnings,
+            f"the error of the response is above {_UNSURE:g} at {where}: {why}.",
+        )
     response = Response(hertz, values, quantity, sources, pushes, receivers, directions, error, factored, steps, warnings)
     if not damped.is_none:  # without losses a peak has no height
         object.__setattr__(response, "_solve", lambda frequencies: solve(frequencies)[0])

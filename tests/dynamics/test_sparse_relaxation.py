@@ -79,6 +79,7 @@ def find_all(network):
     }  # fmt: skip
 
 
+@pytest.mark.claim("sparse-moduli")
 @pytest.mark.parametrize("case", CASES)
 def test_sparse_factors_have_the_digits_of_dense_singular_values(case, monkeypatch):
     network = CASES[case]()

@@ -7,6 +7,7 @@ import pytest
 
 import granphon as gp
 from granphon.base.errors import InconsistencyWarning, InstabilityError
+from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.waves.operator import WaveOperator
 from tests import packings
 from tests.networks.test_lammps import measure
@@ -203,6 +204,31 @@ def test_what_tangential_forces_have_along_normals_counts_as_normal():
     ours, theirs = WaveOperator(network), WaveOperator(late)
     np.testing.assert_allclose(theirs.whole.toarray(), ours.whole.toarray(), atol=1e-14 * ours.top**2)
     assert gp.Waves(late).modes(1).zero_modes == 1
+
+
+@pytest.mark.claim("network-friction-moduli")
+def test_bands_and_sound_of_packings_with_tangential_forces(pressed, monkeypatch):
+    network = pressed[0].without_rattlers()
+    matrix = WaveOperator(network).matrix.toarray()
+    top, scale = float(np.linalg.eigvalsh(matrix)[-1]), network.scales.angular_frequency
+    lattice = ContactLattice.from_network(network)
+    at_gamma = lattice.frequencies(np.zeros((1, network.dimension)))[0] * scale
+    solid = at_gamma**2 > 1e-5 * top
+    np.testing.assert_allclose(at_gamma[solid] ** 2, np.linalg.eigvalsh(matrix)[solid], atol=1e-12 * top)
+    # sound is the slope of the lowest branches, and the same by dense matrices and by sparse ones
+    direction = np.array([0.6, 0.8] if network.dimension == 2 else [0.6, 0.64, 0.48])
+    waves, tensor, q = gp.sound_velocities(network, direction), lattice.elastic_tensor(), 1e-2
+    modes = lattice.modes(q * direction[None])
+    monkeypatch.setattr("granphon.dynamics.long_waves.MANY_COLUMNS", 0)
+    sparse = ContactLattice._make_of_network(network)
+    # both leave out spins, of which D lacks the second order
+    np.testing.assert_allclose(sparse.elastic_tensor(), tensor, rtol=0.0, atol=1e-6)
+    shift = modes.eigenvectors[0].reshape(network.n_balls, -1, lattice.n_branches)[:, : network.dimension]
+    together = np.einsum("n,nab->ab", np.sqrt(network.masses / network.masses.sum()), shift)
+    sound = np.sort(np.argsort(np.sum(np.abs(together) ** 2, axis=0))[-network.dimension :])
+    slow = modes.frequencies[0, sound] / q * network.scales.velocity
+    # in space D lowers the squares of spins by a hundredth of those of sound at this q, and mixes them a little
+    np.testing.assert_allclose(slow, waves.velocities, rtol=2e-4 if network.dimension == 2 else 2e-3)
 
 
 @pytest.mark.claim("network-without-forces")

@@ -48,6 +48,20 @@ def dynamical_matrix(network: gp.ContactNetwork, q: NDArray[Any]) -> NDArray[Any
         for at in range(len(balls)):
             moved[:, 6 * at + 3 : 6 * at + 6] = 0.0
         energy -= load * moved.conj().T @ across @ moved
+        if network.prestress and network.tangential_force is not None:
+            # the force stays across the normal as that turns, and its levers grow by half of the elongation; the part of it
+            # that has no potential is left out
+            force, levers = network.tangential_force[c], {i: [], j: []}
+            turn, elongation = across @ moved[:3] / network.distance[c], n @ moved[:3]
+            levers[i].append((network.arm_i[c], -1.0, 1.0))
+            levers[j].append((network.arm_j[c], 1.0, np.exp(-1j * q @ apart)))
+            follows = np.zeros_like(energy)
+            for at, ball in enumerate(balls):
+                for arm, sign, phase in levers[ball]:
+                    push = sign * np.outer(n, force @ turn)
+                    twist = -arm * cross_matrix(force) @ turn + 0.5 * np.outer(np.cross(n, force), elongation)
+                    follows[6 * at : 6 * at + 6] += phase * np.concatenate([push, twist])
+            energy += 0.5 * (follows + follows.conj().T)
         place = np.concatenate([6 * ball + np.arange(6) for ball in balls])
         stiffness[np.ix_(place, place)] += energy
     keep = np.concatenate([6 * ball + np.arange(6) for ball in moving])
