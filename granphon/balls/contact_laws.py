@@ -48,6 +48,8 @@ _STEP, _ALLOWED = 1e-4, 1e-5
 _METHODS = ("force", "stiffness", "stiffness_slope", "energy", "overlap")
 #: nodes of the quadrature of a tabulated force between two points of the table
 _NODES = 24
+#: places between two points of a table at which the largest stiffness is sought
+_PLACES = 16
 #: most steps of Newton's method, where a law is inverted
 _STEPS = 60
 #: root u of u^4 - u = D at which the contact of a JKR law is pulled apart, and D there
@@ -331,7 +333,8 @@ class TabulatedLaw(EnergyLaw):
     """A law that is given by a table of overlaps and forces, for all pairs.
 
     The logarithm of the force is a monotone cubic function of the logarithm of the overlap (scipy's ``PchipInterpolator``).
-    So a table of a power law gives this law at all overlaps. Below the first point and above the last it goes on as a power.
+    So a table of a power law gives this law at all overlaps. Below the first point and above the last it goes on as a power;
+    below, of an exponent of 1 or above, so that contacts are not infinitely stiff where balls begin to touch.
 
     Parameters
     ----------
@@ -381,15 +384,37 @@ class TabulatedLaw(EnergyLaw):
         """Return the law itself: it is the same for all pairs."""
         return self
 
+    def find_stiffest(self, overlap: Array) -> Array:
+        """Return the largest stiffness up to an ``overlap``, N/m: tables may rise steeply between two of their points."""
+        within = np.linspace(0.0, 1.0, _PLACES, endpoint=False)
+        places = self._knots[0]
+        grid = np.append((places[:-1, None] + np.diff(places)[:, None] * within).ravel(), places[-1])
+        delta = np.exp(grid)
+        most = np.append(0.0, np.maximum.accumulate(self.stiffness(delta)))
+        return np.maximum(most[np.searchsorted(delta, overlap, side="right")], self.stiffness(overlap))
+
     @cached_property
     def _knots(self) -> tuple[Array, Array]:
         return np.log(self.overlaps), np.log(self.forces)
 
     @cached_property
     def _curve(self) -> Any:
-        from scipy.interpolate import PchipInterpolator
+        from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
-        return PchipInterpolator(*self._knots)
+        x, y = self._knots
+        curve = PchipInterpolator(x, y)
+        slopes, rise = curve(x, 1), np.diff(y) / np.diff(x)
+        # ends that the interpolator has flat, or too flat; up to three times the rise the curve stays monotone
+        first, last = max(slopes[0], min(1.0, 3.0 * rise[0])), slopes[-1] or rise[-1]
+        if first == slopes[0] and last == slopes[-1]:
+            return curve
+        slopes[0], slopes[-1] = first, last
+        return CubicHermiteSpline(x, y, slopes)
+
+    @cached_property
+    def _exponent_below(self) -> float:
+        """Exponent of the power below the first point."""
+        return max(float(self._curve(self._knots[0][0], 1)), 1.0)
 
     def _logarithm(self, x: Array, order: int = 0) -> Array:
         """Return log f at x = log delta, or its derivative of an ``order``."""
@@ -398,13 +423,14 @@ class TabulatedLaw(EnergyLaw):
         found = np.asarray(curve(inside, order))
         if order == 2:
             return np.where(x == inside, found, 0.0)
-        return found + (x - inside) * curve(inside, 1) if order == 0 else found
+        slope = np.where(x < places[0], self._exponent_below, curve(inside, 1))
+        return found + (x - inside) * slope if order == 0 else slope
 
     @cached_property
     def _energies(self) -> Array:
         """Energies at the points of the table, J."""
         places = self._knots[0]
-        first = self.forces[0] * self.overlaps[0] / (1.0 + float(self._logarithm(places[:1], 1)[0]))
+        first = self.forces[0] * self.overlaps[0] / (1.0 + self._exponent_below)
         return first + np.concatenate([[0.0], np.cumsum(self._integrate(places[:-1], places[1:]))])
 
     def _integrate(self, low: Array, high: Array) -> Array:

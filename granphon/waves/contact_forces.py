@@ -118,6 +118,7 @@ class PairLaws:
         ends = self._first, np.nextafter(springs.touch, np.inf)
         forces = [np.abs(springs.force(np.where(opens, end, 0.0))) for end in ends]
         self.jumps: Index = np.flatnonzero(opens & (np.maximum(*forces) >= _NONE))
+        self._last = springs.force(np.where(opens, self._first, 0.0))[self.jumps]
 
     def begin(self, e: Array) -> Any:
         """Return which contacts are joined, as for :meth:`press`: those of the network, and of others those that touch."""
@@ -163,10 +164,13 @@ class PairLaws:
         return _mean_of(self, e, other, joined)
 
     def store(self, e: Array, joined: Any = None) -> Array:
-        """As for :class:`Powers`; below zero where contacts adhere. Where they have broken it is that at the break."""
-        h, parted = np.maximum(self.overlap - e, self.springs.least), self._parted(joined)
+        """As for :class:`Powers`; below zero where contacts adhere. Where they have parted it is that where they part."""
+        h, parted, at = np.maximum(self.overlap - e, self.springs.least), self._parted(joined), self.jumps
         h[parted] = self.springs.least[parted]
         far = self.springs.energy(h) - self._energy + self.rest * e
+        # the work of the force that joined ones keep until a step ends
+        beyond = np.minimum(self.overlap[at] - e[at] - self._first[at], 0.0) * self._last
+        far[at] += beyond if joined is None else np.where(joined[at], beyond, 0.0)
         return _store_near(self, e, far, joined)
 
     def is_closed(self, e: Array, joined: Any = None) -> NDArray[np.bool_]:

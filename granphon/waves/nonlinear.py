@@ -36,7 +36,7 @@ from numpy.typing import ArrayLike
 
 from granphon.balls import hertz
 from granphon.balls.ball import RIGID_PLANE
-from granphon.balls.contact_laws import DMT, JKR, Hertz, PowerLaw, law_between, punch_stiffness
+from granphon.balls.contact_laws import DMT, JKR, Hertz, PowerLaw, TabulatedLaw, law_between, punch_stiffness
 from granphon.balls.contact_table import find_pairs, select_once
 from granphon.balls.hertz import HertzLaw
 from granphon.base.arrays import Array, Index
@@ -410,10 +410,14 @@ class _Trial(NamedTuple):
 
 
 def _find_stiffest(normal: Powers | PairLaws, e: Array) -> Array:
-    """Return the larger of normal stiffnesses and those of flat punches as wide as the contacts, N/m."""
+    """Return the largest stiffnesses on the way to elongations: normal, and of flat punches as wide as the contacts, N/m."""
     _, stiffness = normal.press(e)
-    if isinstance(normal, PairLaws) and normal.know_radii:
-        stiffness = np.maximum(stiffness, normal.punch(e, np.empty_like(stiffness)))
+    if isinstance(normal, PairLaws):
+        if normal.know_radii:
+            stiffness = np.maximum(stiffness, normal.punch(e, np.empty_like(stiffness)))
+        for law, at in normal.springs.groups:
+            if isinstance(law, TabulatedLaw):
+                stiffness[at] = law.find_stiffest((normal.overlap - e)[at])
     return stiffness
 
 
