@@ -161,8 +161,9 @@ class ContactLattice(LongWaves):
                 ((network.arm_j, network.arm_i), (network.arm_i, network.arm_j))]  # fmt: skip
         held = swapped | ~moving[j]
         turn = find_axes(network.cell[axes, :dimension])
-        given = network.tangential_force
-        force = np.zeros((len(kept), 3)) if given is None or not network.prestress else given[kept]
+        pushes, force = (forces[kept] for forces in network.static_forces)
+        if not network.prestress:
+            force = np.zeros_like(force)
         normal, vector, positions, cell, across = (
             vectors[:, :dimension] @ turn.T
             for vectors in (
@@ -179,7 +180,7 @@ class ContactLattice(LongWaves):
             stiffness[kept] / (spring * units.length**2)
             for stiffness in (network.bending_stiffness, network.torsion_stiffness)
         )
-        load = network.normal_force[kept] / network.distance[kept] / units.stiffness if network.prestress else 0.0
+        load = pushes / network.distance[kept] / units.stiffness if network.prestress else 0.0
         table = ContactTable(
             *map(read_only, (number[i], number[j], shift, normal, vector / units.length)),
             *(read_only(arm / units.length) for arm in arms),

@@ -155,6 +155,9 @@ class ContactNetwork(Result):
         if not isinstance(self.lattice, Lattice | None):
             what = f"the lattice of the network is {brief(self.lattice)}"
             raise InputError(what, mend="Give a granphon.Lattice, or None")
+        if not isinstance(self.contact_model, ContactModel | None):
+            what = f"the contact model of the network is {brief(self.contact_model)}"
+            raise InputError(what, mend="Give a material where the network is read, or None")
         if self.shape is not None:
             given["shape"] = require("shape", partial(lengths, low=1, high=MOST_CELLS), self.shape)
         if self.kinds is not None:
