@@ -96,7 +96,9 @@ def validity(state: Any) -> Validity:
 def find_warnings(state: State) -> tuple[str, ...]:
     """Return one sentence for each limit that a state exceeds: limits of the state, or else of :func:`validity`."""
     own = getattr(state, "warnings", None)
-    return validity(state).warnings if own is None else own
+    if own is not None:
+        return tuple(own)
+    return validity(state).warnings if state.follows_law else network_warnings(state.network)
 
 
 def expect_warnings(simulation: DirectSimulation, load: Load) -> tuple[str, ...]:

@@ -161,6 +161,19 @@ def test_packings_at_rest_are_not_refused_for_forces_that_are_left(pressed):
             gp.Waves(off).modes(3)
 
 
+def test_results_of_a_network_out_of_balance_say_so():
+    state = gp.AveragedLattice(gp.Packing(GLASS, 2e-3)).at_force(1.0, finite_overlap=True)
+    network = state.network.repeat((3, 3))
+    assert not gp.Waves(network).warnings
+    assert network.is_balanced
+    off = replace(network, normal_force=network.normal_force * np.where(np.arange(network.n_contacts) == 4, 1.01, 1.0))
+    assert off.imbalance[2] == pytest.approx(0.01, rel=1e-2)
+    waves = gp.Waves(off)
+    for found in (waves, waves.modes(2), waves.dos(), gp.Phonons(off).bands(npoints=2), gp.sound_velocities(off, (1, 0))):
+        assert any(f"ball {off.imbalance[0]} add up" in warning for warning in found.warnings)
+    assert replace(off, prestress=False).is_balanced
+
+
 def hang(off=0.0):
     """A ball between two that do not move, which press it along the line through its two contacts, but for normal forces."""
     radius, angle, force = 1e-3, 0.3, 10.0
