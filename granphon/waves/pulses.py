@@ -411,6 +411,16 @@ def _read(envelope: Array, method: str, threshold: float) -> float:
     return float(np.clip(place - 0.5 * slope / curve, first, last))
 
 
+def _find_delay(signal: Array, times: Array, frequency: float) -> float:
+    """Return the size of the group delay of a signal (n_t,) at a frequency, -d phase / d omega of its Fourier integral, s.
+
+    Of a burst that is even about the time zero it is zero. It is nan for a signal without that frequency.
+    """
+    turned = signal * np.exp(-2j * np.pi * frequency * times)
+    whole = np.sum(turned)
+    return abs(float(np.real(np.sum(times * turned) / whole))) if abs(whole) > 0.0 else math.nan
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Pulse(Result):
     """What was heard of a pulse; SI units. Signals are velocities along the polarisation.
@@ -554,15 +564,13 @@ class Pulse(Result):
             # when the pulse is at its height, and how far around that nothing else comes
             duration = self.cycles / self.frequency
             middle = time + 0.5 * duration
-            reach = min(_REACH * duration, time + self.echo / float(self.fastest[0]) - middle)
-            # what comes there counts, fading out over the last third
+            clear = min(time + self.echo / float(self.fastest[0]), float(self.times[-1])) - middle
             after = self.times - middle
-            gated = self.coherent * np.clip(3.0 * (1.0 - np.abs(after) / reach), 0.0, 1.0)
-            # the group delay at the frequency of the burst, -d phase / d omega of the Fourier integral; of the burst, which
-            # is even about its middle, it is that middle
-            turned = gated * np.exp(-2j * np.pi * hertz * after)
-            whole = np.sum(turned)
-            error = abs(float(np.real(np.sum(after * turned) / whole))) if abs(whole) > 0.0 else math.nan
+            # what comes within each reach counts, fading out over its last third: the pulse alone, and all that it trails, as
+            # waves near the top of a band are late. Any one of the two may agree with the envelope by chance
+            reaches = (min(_REACH * duration, clear), clear)
+            gated, trailed = (self.coherent * np.clip(3.0 * (1.0 - np.abs(after) / one), 0.0, 1.0) for one in reaches)
+            error = max(_find_delay(one, after, hertz) for one in (gated, trailed))
             # how much of that frequency is left, over the most of any other: as in the burst if all travel alike
             wave = np.exp(-2j * np.pi * hertz * self.times)
             left, given = (
@@ -626,8 +634,9 @@ class Pulse(Result):
     def velocity_error(self) -> float:
         """How far the velocity may be from the group velocity at the frequency of the burst, as its shape changes, m/s.
 
-        It is the difference from the velocity by the group delay at that frequency, -d phase / d omega of the signal around
-        the pulse. Where an echo comes soon only a part of the pulse counts, and the error is a lower bound.
+        It is the difference from the velocity by the group delay at that frequency, -d phase / d omega of the signal: the
+        larger of two, of the pulse alone and of all that comes before an echo or the end of the record. Where these come
+        soon only a part of the pulse counts, and the error is a lower bound.
         """
         return self.velocity * self._flight[1] / self.time_of_flight
 
