@@ -110,6 +110,9 @@ class Quantity:
         except ValueError as wrong:
             meant = closest(unit, self.common.split(", ")) if unit[0].isalpha() or unit[0] == "%" else None
             mend = f"Did you mean '{number} {meant}'?" if meant and meant != unit else ""
+            comma = re.match(r",\s*([0-9]+)(?![0-9,.])", unit)  # "211,65 GPa"
+            if comma and "." not in number:
+                mend = f"Write decimals with a point: '{number}.{comma[1]}{unit[comma.end() :]}'."
             raise Refused(f"{show(value)}, {wrong}", self.allowed, mend) from None
         rough = float(number)
         if not math.isfinite(rough):

@@ -39,10 +39,11 @@ def prefixed(value: float, unit: str) -> tuple[float, str]:
     """The decimal multiple of ``unit`` in which people write ``value``: its size, such as 1e-6, and its name, such as "um".
 
     A value that is below a multiple only by rounding (1e-8 of it) counts as that multiple. Zero, values beyond the range of
-    the prefixes, and units that take none ("1", "1/m", "m^2", "kg/m^3") keep the ``unit`` itself, of size 1.
+    the prefixes, and units that take none ("1", "1/m", "m^2", "kg/m^3") keep the ``unit`` itself, of size 1. So do times
+    of a second and more.
     """
     size, first = abs(value) * (1.0 + 1e-8), re.split(r"[ */]", unit)[0]
-    takes = first.isalpha() and first != "kg"
+    takes = first.isalpha() and first != "kg" and not (first == "s" and size >= 1.0)
     return _multiple(size, unit) if takes and _SIZES[0] <= size < 1e3 * _SIZES[-1] else (1.0, unit)
 
 
@@ -61,13 +62,15 @@ def write_unit(unit: str) -> str:
 def write_uncertain(value: float, error: float, unit: str) -> str:
     """Text of a value with its standard error, such as "1.11180 +/- 0.00039 km/s": the error has two digits.
 
-    An error below a millionth of the value has a multiple of the unit of its own.
+    The multiple of the unit is that of the larger of the two. An error below a millionth of the value, or of more digits
+    than its multiple has, stands alone.
     """
     size, name = prefixed(max(abs(value), error), unit)
-    if not 1e-6 * abs(value) < error:
+    if not 1e-6 * abs(value) < error or error >= 1e3 * size:
         return f"{write_quantity(value, unit)} +/- {write_quantity(error, unit, 2)}"
     places = max(1 - math.floor(math.log10(error / size)), 0)
-    return f"{value / size:.{places}f} +/- {error / size:.{places}f}{write_unit(name)}"
+    nearest = round(value / size, places) + 0.0  # no zero is negative
+    return f"{nearest:.{places}f} +/- {error / size:.{places}f}{write_unit(name)}"
 
 
 @dataclass(frozen=True)

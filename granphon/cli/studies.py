@@ -94,6 +94,7 @@ def fit_measurements(
     from granphon.base.validation import require
     from granphon.fits.fit import FIT_FILES, convert_cutoff, convert_pressure, fit_width
     from granphon.fits.measurements import Measurements, read_sigma
+    from granphon.fits.transfer import TransferFunction
     from granphon.scene.scene import Scene
 
     require_name("--out", out)
@@ -113,6 +114,9 @@ def fit_measurements(
         damped = _fit_response(scene, read, data, columns, given)
         _finish_fit(out, files, damped, damped.warnings, describe_response_fit(damped))
         return
+    sound = any(columns.get(one, one) in table for one in ("velocity", "time", "cutoff"))
+    if not sound and (read.packing.kind_names or read.response is not None):
+        TransferFunction.read(data, columns)  # names the column that a transfer function lacks
     packing = _require_one_packing("A fit", scene, read)
     # the direction of the option, else that of the scene
     along: Sequence[float] | None = read.directions[0] if len(read.directions) == 1 else None

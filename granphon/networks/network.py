@@ -707,7 +707,8 @@ class ContactNetwork(Result):
         material : of all balls; also what :meth:`cut` needs for a floor.
         cell : lengths of the periods, m, or their vectors as rows, (p,) or (p, d); none by default.
         pbc : whether the network repeats along each vector of the cell; by default along all of them.
-        dimension : 1, 2 or 3; by default the number of coordinates, or 2 where z is the same for all balls.
+        dimension : 1, 2 or 3; by default the number of coordinates, or 2 where z is the same for all balls and no contact
+            leads up or down. A flat wall may have any place.
         motions : of each ball; by default the first that the dimension allows.
         friction : whether contacts resist slip, where their shear stiffness is not given.
         prestress : whether static forces act on displacements across contacts; by default they do not. Contacts that resist
@@ -717,6 +718,10 @@ class ContactNetwork(Result):
         keep_rattlers : keep balls that carry no load. By default they are left out, and ``left_out`` is their number.
         held_by : least number of contacts that hold a ball, see :meth:`without_rattlers`.
 
+        Forces that follow from overlaps have the error of places with few digits: where its standard value is above 0.6 % of
+        the mean force there is an :class:`~granphon.base.errors.InconsistencyWarning`, above 6 % an error. There is a
+        warning too if masses differ from those of the material by 5 % (the masses count), or if the material is none in SI.
+
         Contacts without force whose stiffness follows from it are left out. Files of :meth:`write_tables` also give cell,
         pbc, dimension, motions and prestress, where these are not given here. They have a digest: if one of the two has lost
         it, there is an :class:`~granphon.base.errors.UnverifiedFileWarning`.
@@ -724,7 +729,8 @@ class ContactNetwork(Result):
         Raises
         ------
         InputError : a file is not as granphon has written it; a column is missing, has no unit or not the unit of its kind,
-            or coordinates are in different units; a cell cannot be read; and what the class itself does not allow.
+            or coordinates are in different units; places have too few digits for overlaps, from which forces follow; a cell
+            cannot be read; and what the class itself does not allow.
         """
         from granphon.networks.tables import read_tables
 
@@ -762,14 +768,18 @@ class ContactNetwork(Result):
         without a potential is left out, and LAMMPS computes slip with the radii. Contacts with walls are not in ``compute
         pair/local``, and are missing.
 
-        If a force is more than ten times Hertz's force at the overlap of its balls, or less than a tenth, there is an
-        :class:`~granphon.base.errors.InconsistencyWarning`. Rounding in the file, and contacts below a thousandth of the
-        mean force, do not count.
+        If a force is more than ten times Hertz's force at the overlap of its balls, or less than a tenth, or if all forces
+        are one multiple of it (of 5 % or more), there is an :class:`~granphon.base.errors.InconsistencyWarning`. Rounding in
+        the file, and contacts below a thousandth of the mean force, do not count. Masses that are not those of the density
+        are told so, too; and rounded places, as by :meth:`from_table`.
+
+        A dump whose last frame is cut, as a killed LAMMPS leaves it, is read at a ``step`` before that, with a
+        :class:`~granphon.base.errors.StoppedEarlyWarning`.
 
         Raises
         ------
-        InputError : a file is not such a dump, a column is missing, the two files are of different steps or units; and what
-            the class itself does not allow.
+        InputError : a file is not such a dump, or ends within the frame that is read, a column is missing, the two files are
+            of different steps or units, places have too few digits for overlaps; and what the class itself does not allow.
         """
         from granphon.networks.lammps import read_dumps
 

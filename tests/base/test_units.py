@@ -78,6 +78,30 @@ def test_a_value_and_its_error_have_the_same_unit_and_place(value, error, text):
     assert write_uncertain(value, error, "m/s") == text
 
 
+@pytest.mark.parametrize(
+    ("text", "meant"),
+    [
+        ("211,65 GPa", "211.65 GPa"), ("-8,5 mm", "-8.5 mm"), ("1,234,567 Pa", ""), ("2.5,3 mm", ""), ("2, mm", ""),
+    ],
+)  # fmt: skip
+def test_a_decimal_comma_is_told(text, meant):
+    with pytest.raises(InputError, match="not one number and one unit") as error:
+        (MODULUS if text.endswith("Pa") else LENGTH).read(text)
+    assert ("point" in str(error.value)) == bool(meant)
+    assert meant in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        (0.0, 2.8e6, "0 s +/- 2.8e+06 s"), (-1e-9, 3.0, "0.0 +/- 3.0 s"), (0.0, 3e-5, "0 +/- 30 us"),
+        (1.2e-6, 4e-8, "1.200 +/- 0.040 us"), (5400.0, 36.0, "5400 +/- 36 s"),
+    ],
+)  # fmt: skip
+def test_times_have_no_multiples_of_the_second(value, error, text):
+    assert write_uncertain(value, error, "s") == text
+
+
 @pytest.mark.parametrize("width", [1e-150, 1e-20, 2.04e-6, 1.0, 1e100])
 def test_units_of_the_width_are_those_of_hertz_at_an_overlap_of_it(width):
     units, law = WidthUnits(3.7e9, width), gp.HertzLaw(3.7e9)

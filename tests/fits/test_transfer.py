@@ -270,6 +270,19 @@ def test_the_command_refuses(folder, capsys, words, change, said):
     assert said in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("observed", [True, False])
+def test_a_table_without_magnitudes_is_told_so(folder, capsys, observed):
+    """Not that the scene has balls of several kinds, which a transfer function may have."""
+    from granphon.cli.commands import main
+
+    (folder / "scene.yaml").write_text(SCENE if observed else SCENE[: SCENE.index("observe")], encoding="utf-8")
+    (folder / "data.csv").write_text("frequency (Hz),H\n400,1.1\n500,1.2\n600,1.3\n", encoding="utf-8")
+    assert main(["fit", "scene.yaml", "data.csv"]) == 2
+    said = capsys.readouterr().err
+    assert "'magnitude'" in said
+    assert "kinds" not in said
+
+
 @pytest.mark.parametrize("heading", ["magnitude", "magnitude (1)"])
 def test_numbers_are_read_as_a_transmissibility_if_it_is_named(tmp_path, heading):
     path = tmp_path / "data.csv"

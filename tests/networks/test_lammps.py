@@ -425,6 +425,7 @@ def hertz_force():
     return float(4.0 / 3.0 * modulus * np.sqrt(2.5e-4) * OVERLAP**1.5)
 
 
+@pytest.mark.claim("network-digits")
 @pytest.mark.parametrize("table", [False, True])
 def test_places_with_too_few_digits_give_no_forces(table, tmp_path):
     """Forces that follow from overlaps are compared with the error that rounded places leave in these."""
@@ -452,6 +453,7 @@ def test_places_with_too_few_digits_give_no_forces(table, tmp_path):
         np.testing.assert_allclose(read("%.9g", unit).normal_force, hertz_force(), rtol=6e-3)
 
 
+@pytest.mark.claim("network-digits")
 @pytest.mark.parametrize(
     ("form", "last"), [("%.6g", None), ("%.9g", None), ("%.6f", 1e-6), ("%.8f", 1e-8), ("%.3e", None), ("single", None)]
 )
