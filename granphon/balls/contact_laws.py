@@ -24,7 +24,15 @@ from numpy.typing import ArrayLike
 
 from granphon.balls.ball import Body, ContactConstants
 from granphon.balls.hertz import (
-    ENERGY, FORCE, LEAST_NORMAL, SLOPE, STIFFNESS, EnergyLaw, HertzLaw, require_finite, require_pushing,
+    ENERGY,
+    FORCE,
+    LEAST_NORMAL,
+    SLOPE,
+    STIFFNESS,
+    EnergyLaw,
+    HertzLaw,
+    require_finite,
+    require_pushing,
 )  # fmt: skip
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
@@ -453,6 +461,7 @@ class TabulatedLaw(EnergyLaw):
         """Overlap, m, under a ``force``, N; :class:`InputError` if it is negative."""
         load = np.asarray(real_array("force", force))
         require_pushing(load)
+        require_finite("overlap", load, "a force", load, "N")
         places, values = self._knots
         goal = np.log(np.where(load > 0.0, load, self.forces[0]))
         # log f rises with log delta: Newton's method, kept between the two points of the table
