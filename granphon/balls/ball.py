@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol
 
 from granphon.balls.diameters import Discrete, Measured, Normal, Uniform, given_spread
 from granphon.balls.material import LEAST_DENSITY, LEAST_YOUNG_MODULUS, Material
-from granphon.base.errors import InputError
+from granphon.base.errors import InputError, brief
 from granphon.base.validation import is_one_of, label, positive, require
 
 #: reason given when a property of a ball is outside its limit
@@ -166,7 +166,10 @@ class ContactConstants(NamedTuple):
 
     @classmethod
     def of(cls, ball: Body, other: Body) -> ContactConstants:
-        """The constants of a pair; raises :class:`InputError` if none of the two yields, or if both are flat."""
+        """The constants of a pair; raises :class:`InputError` if one is no body, none of both yields, or both are flat."""
+        for given in (ball, other):
+            if not all(hasattr(given, name) for name in ("curvature", "compliance", "shear_compliance", "twist_compliance")):
+                raise InputError(f"a body of a contact is {brief(given)}", mend="Give a granphon.Ball")
         curvature, compliance = ball.curvature + other.curvature, ball.compliance + other.compliance
         if not (curvature > 0.0 and compliance > 0.0):
             raise InputError("two flat or rigid bodies make no elastic contact", mend="One must be a ball")

@@ -461,6 +461,7 @@ class TabulatedLaw(EnergyLaw):
         """Overlap, m, under a ``force``, N; :class:`InputError` if it is negative."""
         load = np.asarray(real_array("force", force))
         require_pushing(load)
+        require_finite("overlap", load, "a force", load, "N")
         places, values = self._knots
         goal = np.log(np.where(load > 0.0, load, self.forces[0]))
         # log f rises with log delta: Newton's method, kept between the two points of the table

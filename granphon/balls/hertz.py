@@ -77,7 +77,8 @@ def reduce_by_slip(mobilised: ArrayLike) -> Any:
 def harmonic_diameter(first: ArrayLike, second: ArrayLike) -> Any:
     """Harmonic mean diameter d* of two balls, m, with 1/d* = (1/d_i + 1/d_j)/2 (equation 3)."""
     one, two = real_array("diameter", first), real_array("diameter", second)
-    return (2.0 * one / (one + two) * two)[()]
+    with np.errstate(over="ignore", invalid="ignore"):
+        return (2.0 * one / (one + two) * two)[()]
 
 
 def contact_radius_ratio(overlap: ArrayLike, diameter: ArrayLike) -> Any:

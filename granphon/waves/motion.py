@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -82,6 +83,8 @@ class Motion(Result):
         Raises :class:`~granphon.base.errors.InputError` for a file that is not there, or that is of another kind or schema,
         and for ``frames`` that are none, or that run backwards.
         """
+        if not isinstance(path, str | os.PathLike) and not hasattr(path, "read"):
+            raise InputError(f"the file of a motion is {brief(path)}", mend="Give a path, or an open binary file")
         given: Any = frames
         if not isinstance(given, slice) or (isinstance(given.step, int) and given.step < 0):
             raise InputError(f"frames is {brief(frames)}", mend="Give a slice, such as slice(0, 10)")
@@ -215,16 +218,19 @@ class Motion(Result):
         ``periods``. Raises :class:`~granphon.base.errors.InputError` if these are not in the run, or if a period of the
         highest multiple has fewer than 2.5 frames.
         """
-        f, most = positive("frequency", frequency, "Hz"), whole_number("count", count, 1)
-        span, whole = whole_number("periods", periods, 1) / f, float(self.times[-1] - self.times[0])
-        last = self.times > self.times[-1] - span * (1.0 + 1e-9)
-        per = (len(self.times) - 1) / (whole * f * most) if whole else 0.0
-        if span > whole * (1.0 + 1e-9) or per < _PER_PERIOD:
-            what = f"{per:.3g} frames are in a period of multiple {most}, and {whole * f:.3g} periods in the run"
+        f, frames = positive("frequency", frequency, "Hz"), len(self.times)
+        # each has more than a frame
+        most, fitted_to = whole_number("count", count, 1, frames), whole_number("periods", periods, 1, frames)
+        along = whole_number("axis", axis, 0, 2)
+        whole = float(self.times[-1] - self.times[0]) * f
+        per = (frames - 1) / (whole * most) if whole > 0.0 else math.inf
+        if fitted_to > whole * (1.0 + 1e-9) or per < _PER_PERIOD:
+            what = f"{per:.3g} frames are in a period of multiple {most}, and {whole:.3g} periods in the run"
             raise InputError(what, mend="Run for longer, keep more frames, or ask for fewer multiples")
+        last = self.times > self.times[-1] - fitted_to / f * (1.0 + 1e-9)
         angle = 2.0 * np.pi * f * self.times[last, None] * np.arange(1, most + 1)
         terms = np.hstack([np.ones((len(angle), 1)), np.cos(angle), np.sin(angle)])
-        fitted: Any = np.linalg.lstsq(terms, self.displacements[last, :, whole_number("axis", axis, 0, 2)], rcond=None)[0]
+        fitted: Any = np.linalg.lstsq(terms, self.displacements[last, :, along], rcond=None)[0]
         return np.asarray(fitted[1 : most + 1] + 1j * fitted[most + 1 :])
 
 

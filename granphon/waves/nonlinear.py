@@ -306,7 +306,9 @@ class NonlinearWaves:
             ("displacements", displacements), ("velocities", velocities), ("rotations", rotations), ("spins", spins)
         )]  # fmt: skip
         x, v = start[0] + start[2], start[1] + start[3]
-        stable = system.choose_step(x, 0.5 * float(np.max(np.sum(system.operator.values(v) ** 2, axis=1), initial=0.0)))
+        with np.errstate(over="ignore", invalid="ignore"):
+            squares = np.sum(system.operator.values(v) ** 2, axis=1)
+            stable = system.choose_step(x, 0.5 * float(np.max(squares, initial=0.0)))
         wanted = stable if step is None else positive("step", step, "s")
         if wanted * _LEAST_STEPS > _STEPS * stable:
             what = f"the step of {wanted:.3g} s is too long for the stiffest contact, or its damping"
@@ -317,8 +319,12 @@ class NonlinearWaves:
             each = max(1, math.ceil(length / (count - 1) / wanted * (1.0 - _ROUNDING)))
             require_steps(each * (count - 1))
             exact, stopped = length / (count - 1) / each, ""
+            if not exact >= hertz.LEAST_NORMAL:
+                raise InputError(f"a step of {length:.3g} s over {count - 1} frames is beyond double precision")
             kept = Frames(self.network, exact, file)
-            with kept, single_products(), progress.step("motion", count - 1) as told:
+            # what leaves the floating range ends the run
+            floating = np.errstate(over="ignore", invalid="ignore")
+            with kept, single_products(), floating, progress.step("motion", count - 1) as told:
                 try:
                     for frame in system.integrate(x, v, exact, each, count, scheme, kept):
                         if frame:
@@ -347,7 +353,9 @@ class NonlinearWaves:
         """
         speed = not_negative("speed", speed, "m/s")
         system, masses = _System(self, []), self.network.masses[self.network.moving]
-        return system.choose_step(np.zeros(system.operator.size), 0.5 * float(np.max(masses)) * speed**2)
+        energy = 0.5 * float(np.max(masses, initial=0.0)) * speed * speed
+        with np.errstate(over="ignore", invalid="ignore"):
+            return system.choose_step(np.zeros(system.operator.size), energy)
 
     def _require_shape(self, name: str, values: Array) -> None:
         n, d = self.network.n_balls, self.network.dimension
@@ -376,7 +384,7 @@ _RATTLED = "a contact whose force jumps opens and closes many times in a step"
 
 def _take_laws(springs: Springs, overlap: Array, apart: int = 0) -> Powers | PairLaws:
     """Return laws as for :class:`PairLaws`, or as powers of one exponent, which are faster, if they are."""
-    exponents = {getattr(one, "exponent", hertz.EXPONENT) for one, _ in springs.groups}
+    exponents = {getattr(one, "exponent", hertz.EXPONENT) for one, _ in springs.groups} or {hertz.EXPONENT}
     if len(exponents) > 1 or not all(isinstance(one, HertzLaw | PowerLaw) for one, _ in springs.groups):
         return PairLaws(springs, overlap, apart)
     coefficient = np.zeros(len(overlap))
@@ -438,6 +446,9 @@ class _System:
         for one in drives:
             if not isinstance(one, Drive) or (one.displacement is None) == (one.force is None):
                 raise InputError(f"drive is {brief(one)}", mend="Give a Drive with a displacement or a force")
+            if not callable(given := one.force if one.displacement is None else one.displacement):
+                what = f"what a drive does is {brief(given)}"
+                raise InputError(what, mend="Give a function of the time, s, that returns a number")
             balls = index_array("drive", one.balls, network.n_balls)
             along = read_vector("direction", one.direction, network.dimension)
             require_moves("drive", along, network)
@@ -515,6 +526,8 @@ class _System:
         """Return a step for the contacts at the start, and for those that a ball of this kinetic energy, J, would press."""
         normal = self.waves.normal
         e = self.fixed.locate(x, np.zeros(len(self.moved))).e
+        if not (energy < math.inf and np.all(np.isfinite(e))):
+            raise InputError("balls are too fast, or too far away, for double precision", mend="Compare the units")
         # the first of these depths that takes the energy, by bisection
         depths = 1e-12 * float(np.mean(self.network.radii[self.network.moving])) * 1.25 ** np.arange(201.0)
         low, high = np.zeros(len(e), np.int16), np.full(len(e), 200 if energy > 0.0 else 0, np.int16)
@@ -527,6 +540,8 @@ class _System:
         if np.any(self.waves.gravity):  # what a ball of this network falls by its own size presses
             stiffness = np.maximum(stiffness, self.network.normal_stiffness)
         top = self._top(stiffness)
+        if not top < math.inf:
+            raise InputError("contacts become too stiff for double precision", mend="Compare the units")
         if not top > 0.0:
             raise InputError("no contact is pressed, and no ball moves", "There is no time scale", "Give a step")
         return 2.0 * math.pi / _STEPS / top
@@ -553,7 +568,7 @@ class _System:
             self._advance(number * step, explicit)
             if number % each == 0:
                 stiffest = np.maximum(self.touch.k, self.touch.punch)
-                if not (self._top(stiffest) <= limit and np.all(np.isfinite(self.v))):
+                if not (self._top(stiffest) <= limit and np.all(np.isfinite(self.v)) and np.all(np.isfinite(self.at.e))):
                     raise _Stop(_TOO_LONG)
                 self._keep(number, kept)
                 yield True
