@@ -301,13 +301,13 @@ def find_rank(rows: NDArray[Any]) -> int:
     for axis in (0, 1):
         length = np.linalg.norm(rows, axis=axis, keepdims=True)
         rows = rows / np.where(length > 0.0, length, 1.0)
-    if _is_independent(rows):
+    if is_independent(rows):
         return int(rows.shape[1])
     values = np.linalg.svd(rows, compute_uv=False) if rows.size else np.zeros(1)
     return int(np.count_nonzero(values > _DEPENDENT * max(values[0], 1.0)))
 
 
-def _is_independent(rows: NDArray[Any]) -> bool:
+def is_independent(rows: NDArray[Any]) -> bool:
     """Return whether many columns are so by far, as Cholesky's factors of A^H A less a little tell at once."""
     if not rows.shape[0] >= rows.shape[1] > MANY_COLUMNS:
         return False
@@ -329,7 +329,7 @@ def find_dependent(
     """
     lengths = np.where(column_lengths > 0.0, column_lengths, 1.0)
     scaled = rows / np.where(row_lengths > 0.0, row_lengths, 1.0)[:, None] / lengths
-    if _is_independent(scaled):
+    if is_independent(scaled):
         return np.zeros((len(lengths), 0), rows.dtype), np.eye(len(lengths), dtype=rows.dtype)
     _, values, adjoint = np.linalg.svd(_pad_rows(scaled[None])[0], full_matrices=False)
     count = int(np.count_nonzero(values <= _DEPENDENT * max(values[0], 1.0)))
