@@ -95,7 +95,7 @@ class Block:
         if inner.size < 2:  # a single column that is not zero depends on no other
             return self
         size = np.abs(odd) + np.abs(even)
-        free, others = find_dependent(even[:, inner], np.linalg.norm(size, axis=1), np.linalg.norm(size[:, inner], axis=0))
+        free, others = find_dependent(even[:, inner], size[:, inner])
         if not free.shape[1]:
             return self
         turn = np.eye(self.size, dtype=even.dtype)
