@@ -102,10 +102,11 @@ class Block:
         turn[np.ix_(inner, inner)] = np.concatenate([free, others], axis=1)
         odd, even = self.deforming.odd @ turn, self.deforming.even @ turn
         still = inner[: free.shape[1]]
-        even[..., still] = 0.0
-        # a motion that deforms nothing at any q, such as the spin of a ball between two others, is left with rounding alone
+        # both ends of a contact, or each of them where a motion deforms nothing at any q, such as the spin of a ball between
+        # two others, leave rounding alone. Gears whose arms differ a little leave more
         rounding = _ROUNDING * np.linalg.norm(size, axis=1).reshape(*odd.shape[:2], 1)
-        odd[..., still] = np.where(np.abs(odd[..., still]) <= rounding, 0.0, odd[..., still])
+        for part in (odd, even):
+            part[..., still] = np.where(np.abs(part[..., still]) <= rounding, 0.0, part[..., still])
         tilt = np.einsum("mn,kma->kna", turn.conj(), self.tilt) if self.bent else self.tilt
         pushing = self.pushing
         if pushing is not None:  # static forces do not act on gears, but on the displacements of other such motions
