@@ -94,22 +94,30 @@ class Block:
         """
         odd, even = (part.reshape(self.n_rows, self.size) for part in self.deforming[:2])
         inner = np.flatnonzero(np.any(even != 0.0, axis=0))
-        if self.pushing is not None or inner.size < 2:  # a single column that is not zero depends on no other
+        if inner.size < 2:  # a single column that is not zero depends on no other
             return self
         size = np.abs(odd) + np.abs(even)
-        free, others = find_dependent(even[:, inner], np.linalg.norm(size, axis=1), np.linalg.norm(size[:, inner], axis=0))
+        free, others = find_dependent(even[:, inner], size[:, inner])
         if not free.shape[1]:
             return self
         turn = np.eye(self.size, dtype=even.dtype)
         turn[np.ix_(inner, inner)] = np.concatenate([free, others], axis=1)
         odd, even = self.deforming.odd @ turn, self.deforming.even @ turn
         still = inner[: free.shape[1]]
-        even[..., still] = 0.0
-        # a motion that deforms nothing at any q, such as the spin of a ball between two others, is left with rounding alone
+        # both ends of a contact, or each of them where a motion deforms nothing at any q, such as the spin of a ball between
+        # two others, leave rounding alone. Gears whose arms differ a little leave more
         rounding = _ROUNDING * np.linalg.norm(size, axis=1).reshape(*odd.shape[:2], 1)
-        odd[..., still] = np.where(np.abs(odd[..., still]) <= rounding, 0.0, odd[..., still])
+        for part in (odd, even):
+            part[..., still] = np.where(np.abs(part[..., still]) <= rounding, 0.0, part[..., still])
         tilt = np.einsum("mn,kma->kna", turn.conj(), self.tilt) if self.bent else self.tilt
-        return replace(self, deforming=self.deforming._replace(odd=odd, even=even), tilt=tilt, turn=turn)
+        pushing = self.pushing
+        if pushing is not None:  # static forces do not act on gears, but on the displacements of other such motions
+            pushed = [part @ turn for part in pushing[:2]]
+            lengths = sum(np.abs(part) for part in pushing[:2])
+            rounding = _ROUNDING * np.linalg.norm(lengths, axis=2, keepdims=True)
+            pushed = [np.where(np.abs(part) <= rounding, 0.0, part) for part in pushed]
+            pushing = pushing._replace(odd=pushed[0], even=pushed[1])
+        return replace(self, deforming=self.deforming._replace(odd=odd, even=even), pushing=pushing, tilt=tilt, turn=turn)
 
     @property
     def size(self) -> int:
@@ -290,6 +298,8 @@ class Block:
     def _decompose(self, point: _Point) -> tuple[Array, NDArray[Any]]:
         """Find frequencies and eigenvectors in the basis of the point."""
         pushed = None if point.across is None else self._make_matrix(point.rows, point.across)
+        if pushed is not None:
+            self._drop_rounding(point.q, pushed)
         apart = None
         if self.free and self.size > _MANY_FREE:
             # motions that cost nothing are split off: to tell them from the softest, plane rotations would take minutes
@@ -311,12 +321,7 @@ class Block:
         if np.any(small):
             doubtful = np.flatnonzero(np.any(small, axis=1))
             # frequencies that are no more than the rounding of sine and cosine in their own columns
-            squares: Any = 0.0
-            for waves in self._kinds:
-                odd, even = np.abs(waves.odd), np.abs(waves.even)
-                even = np.where(even > 0.0, even + odd, 0.0)  # where two ends cancel, their difference is rounding of both
-                size = np.abs(point.q[doubtful] @ waves.half.T)[:, None, :, None] * odd + even
-                squares = squares + np.sum(size**2, axis=(1, 2))
+            squares = self._measure_columns(point.q[doubtful])
             if self.bent:
                 own, turned, half = self._tilted
                 angle = np.abs(point.q[doubtful] @ half.T)[..., None]
@@ -333,6 +338,25 @@ class Block:
                 values[doubtful] = np.take_along_axis(some, order, 1)
                 right[doubtful] = np.take_along_axis(right[doubtful], order[:, None], 2)
         return values, right
+
+    def _drop_rounding(self, q: Array, matrices: NDArray[Any]) -> None:
+        """Set diagonal entries of D(q) (n_q, n, n) that are rounding of zero, and may be below it, to zero, in place."""
+        squares, whole = np.einsum("qii->qi", matrices), self._measure_columns(q)
+        points, columns = np.nonzero((squares != 0.0) & (np.abs(squares) <= _ROUNDING * whole))
+        # entries beside one that is zero are zero, too, unless the lattice buckles
+        beside = np.abs(matrices[points, columns]) ** 2 <= _ROUNDING * whole[points, columns][:, None] * whole[points]
+        alone = np.all(beside, axis=1)
+        squares[points[alone], columns[alone]] = 0.0
+
+    def _measure_columns(self, q: Array) -> Array:
+        """Return squares (n_q, n) of the lengths of columns of C(q), as if nothing cancelled; rounding is in proportion."""
+        squares: Any = 0.0
+        for waves in self._kinds:
+            odd, even = np.abs(waves.odd), np.abs(waves.even)
+            even = np.where(even > 0.0, even + odd, 0.0)  # where two ends cancel, their difference is rounding of both
+            size = np.abs(q @ waves.half.T)[:, None, :, None] * odd + even
+            squares = squares + np.sum(size**2, axis=(1, 2))
+        return np.asarray(squares)
 
     @property
     def _limit(self) -> float:

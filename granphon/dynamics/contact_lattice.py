@@ -364,7 +364,7 @@ class ContactLattice(LongWaves):
             waves = [one.select(rows, columns) for one, rows in zip(kinds, own, strict=True)]
             if self.is_prestressed:
                 signs = np.broadcast_to(self._push_signs, own[1].shape)[own[1]]
-                found.append(Block(columns, waves[0], waves[1], signs[:, None], slack=self.slack))
+                found.append(Block(columns, waves[0], waves[1], signs[:, None], slack=self.slack).still())
                 continue
             # displacements across the periods, and what goes with each as the balls tilt with it: a displacement u of the
             # centre of mass turns the balls by phi = i q x u, and moves those that lie off the middle of the layer, by the

@@ -47,6 +47,36 @@ def take_voigt(c: Array) -> Array:
     return np.asarray(c[..., i[:, None], j[:, None], i[None, :], j[None, :]])
 
 
+def name_strain(strains: Array) -> str:
+    """Return a plain strain as text with the names of its parts, the largest part being one.
+
+    ``strains`` (n, m) are orthonormal columns xx, yy, xy sqrt 2, ... in Voigt order, of which every sum is meant. Shown is
+    what they have of the strain that is most theirs.
+    """
+    pairs = _VOIGT[_PERIODS[len(strains)]]
+    most = np.argmax(np.round(np.sum(strains**2, axis=1), 6))
+    strain = strains @ strains[most] * [1.0 if a == b else np.sqrt(2.0) for a, b in pairs]
+    names = ", ".join(("" if a == b else "2") + "xyz"[a] + "xyz"[b] for a, b in pairs)
+    shown = ", ".join(f"{part:g}" for part in np.round(strain / strain[np.argmax(np.abs(strain))], 6) + 0.0)
+    return f"({names}) = ({shown})"
+
+
+def find_unstable_strains(tensor: Array) -> Array | None:
+    """Return the strains of :func:`name_strain` whose modulus under elastic tensors (..., n, n) is farthest below zero.
+
+    None if no modulus is. Under static stress a crystal is stable if the symmetric part of its coefficients between stress
+    and strain is positive (J. Wang, J. Li, S. Yip, D. Wolf, Phys. Rev. B 52, 12627, 1995).
+    """
+    unit = np.array([1.0 if a == b else np.sqrt(2.0) for a, b in _VOIGT[_PERIODS[tensor.shape[-1]]]])
+    values, vectors = np.linalg.eigh(0.5 * (tensor + tensor.swapaxes(-1, -2)) * unit[:, None] * unit)
+    values = values / np.max(np.abs(values), axis=-1, keepdims=True)
+    worst = np.unravel_index(np.argmin(values[..., 0]), values.shape[:-1])
+    lowest = values[worst]
+    if lowest[0] >= -_ROUNDED:  # rounding may leave a modulus of zero below it
+        return None
+    return np.asarray(vectors[worst][:, lowest <= lowest[0] + _ROUNDED])
+
+
 def find_stress_part(stress: Array) -> Array:
     """Return what a Cauchy stress (..., p, p) adds to the second derivatives of the energy by strain, (..., n, n).
 

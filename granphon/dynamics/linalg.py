@@ -304,13 +304,13 @@ def find_rank(rows: NDArray[Any]) -> int:
     for axis in (0, 1):
         length = np.linalg.norm(rows, axis=axis, keepdims=True)
         rows = rows / np.where(length > 0.0, length, 1.0)
-    if _is_independent(rows):
+    if is_independent(rows):
         return int(rows.shape[1])
     values = np.linalg.svd(rows, compute_uv=False) if rows.size else np.zeros(1)
     return int(np.count_nonzero(values > _DEPENDENT * max(values[0], 1.0)))
 
 
-def _is_independent(rows: NDArray[Any]) -> bool:
+def is_independent(rows: NDArray[Any]) -> bool:
     """Return whether many columns are so by far, as Cholesky's factors of A^H A less a little tell at once."""
     if not rows.shape[0] >= rows.shape[1] > MANY_COLUMNS:
         return False
@@ -323,20 +323,25 @@ def _is_independent(rows: NDArray[Any]) -> bool:
     return True
 
 
-def find_dependent(
-    rows: NDArray[Any], row_lengths: NDArray[np.float64], column_lengths: NDArray[np.float64]
-) -> tuple[NDArray[Any], NDArray[Any]]:
+def find_dependent(rows: NDArray[Any], sizes: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[Any]]:
     """Find orthonormal vectors (n, k) that a matrix (m, n) takes to zero, and others (n, n - k) that complete them.
 
-    Rows and columns are first divided by the lengths given, so that small ones count as much as others.
+    ``sizes`` (m, n) are those of its entries if nothing cancelled in them. As in :func:`find_rank`, each column and then
+    each row is divided by its length in these, so that small ones count as much as others, and no entry is above one.
     """
-    lengths = np.where(column_lengths > 0.0, column_lengths, 1.0)
-    scaled = rows / np.where(row_lengths > 0.0, row_lengths, 1.0)[:, None] / lengths
-    if _is_independent(scaled):
+    lengths = np.linalg.norm(sizes, axis=0)
+    lengths[lengths == 0.0] = 1.0
+    row_lengths = np.linalg.norm(sizes / lengths, axis=1, keepdims=True)
+    scaled = rows / lengths / np.where(row_lengths > 0.0, row_lengths, 1.0)
+    if is_independent(scaled):
         return np.zeros((len(lengths), 0), rows.dtype), np.eye(len(lengths), dtype=rows.dtype)
-    _, values, adjoint = np.linalg.svd(_pad_rows(scaled[None])[0], full_matrices=False)
-    count = int(np.count_nonzero(values <= _DEPENDENT * max(values[0], 1.0)))
-    basis, _ = np.linalg.qr(adjoint[len(values) - count :].conj().T / lengths[:, None], mode="complete")
+    left, values, adjoint = np.linalg.svd(_pad_rows(scaled[None])[0], full_matrices=False)
+    rank = int(np.count_nonzero(values > _DEPENDENT * max(values[0], 1.0)))
+    count = len(values) - rank
+    free, _ = np.linalg.qr(adjoint[rank:].conj().T / lengths[:, None])
+    # vectors that are longest in long columns come out as small differences of others: what is left of them is taken back
+    rest = left[: len(rows), :rank].conj().T @ (scaled @ (lengths[:, None] * free)) / values[:rank, None]
+    basis, _ = np.linalg.qr(free - adjoint[:rank].conj().T @ rest / lengths[:, None], mode="complete")
     return basis[:, :count], basis[:, count:]
 
 

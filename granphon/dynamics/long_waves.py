@@ -1,16 +1,27 @@
 """Long waves: the compatibility matrix in the limit q -> 0, with rotations and inner motions relaxed.
 
 Elastic moduli, sound velocities and mechanisms follow from the same rows as the bands; all are in reduced units.
+
+Terms of finite overlap are of relative order e = delta/d, and so is their effect on sound: the limit of small overlap comes
+before that of long waves. This matters for balls that turn like gears. On a lattice without odd rings they cost nothing; but
+where overlaps differ, so do the lever arms of a ball, and gears then have an energy of order e^2 and a coupling with strain
+of order e. If they were relaxed, the square of this over that would be of order one: a strain would turn the balls by 1/e
+times itself, and the crystal would be soft. Gears keep up with sound only if it is slower than they are. Their frequency is
+about e (k/M)^1/2, so that this is at wavelengths above d/e, hundreds of metres for balls of 8 mm at e = 1e-5. In all shorter
+waves they stay behind, and are an optical wave of their own, as the bands show. So inner motions relax if they cost an
+energy of order one or e; those that cost none to that order do not (:meth:`LongWaves._find_relaxing`).
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granphon.balls.hertz import MOST_CONTACT_RADIUS
 from granphon.balls.lattices import as_direction, one_direction
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, MechanismError
@@ -18,13 +29,26 @@ from granphon.base.progress import Progress, silent
 from granphon.base.results import read_only
 from granphon.base.validation import real_array
 from granphon.dynamics.compatibility import Compatibility
-from granphon.dynamics.elasticity import decompose_waves, find_stress_part, name_waves, take_voigt, voigt_pairs
-from granphon.dynamics.linalg import MANY_COLUMNS, cholesky_factor, jacobi_svd
+from granphon.dynamics.elasticity import (
+    decompose_waves,
+    find_stress_part,
+    find_unstable_strains,
+    name_strain,
+    name_waves,
+    take_voigt,
+    voigt_pairs,
+)
+from granphon.dynamics.linalg import MANY_COLUMNS, cholesky_factor, is_independent, jacobi_svd
 from granphon.dynamics.rows import Row, push_rows, strain_rows
 from granphon.dynamics.sparse_relaxation import SparseRelaxation, compose_ends
 
 #: ratio of the softest to the stiffest strain (singular values) below which a lattice is called a mechanism
 _SOFT = 1e-12
+#: relative difference of the lever arms of a ball up to which it is rounding, and up to which overlaps explain it: beyond
+#: that Hertz's law does not hold, (contact radius / ball radius)^2 being overlap over diameter
+_ROUNDED_ARM, _UNEVEN_ARM = 1e-14, MOST_CONTACT_RADIUS**2
+#: eigenvalue of the energy of inner motions, over the largest, up to which it is rounding
+_NO_ENERGY = 1e-13
 #: coupling of free inner motions with sound, over its largest possible value, above which it counts as coupling
 _COUPLED = 1e-9
 #: greatest difference, over the constant c_xxxx, between elastic constants that are equal in an isotropic lattice; it allows
@@ -58,10 +82,14 @@ class LongWaves(Compatibility):
         gap, total = self._combine_ends(rows, root)
         return self._select_inner(gap), self._select_inner(total)
 
-    @property
+    @cached_property
     def _is_large(self) -> bool:
-        """Whether there are so many motions in the cell that sparse factors are faster."""
-        return self.n_branches > MANY_COLUMNS
+        """Whether there are so many motions in the cell that sparse factors are faster.
+
+        They relax all motions: where some stay behind that deform contacts a little, dense matrices tell them apart.
+        """
+        many = self.n_branches > MANY_COLUMNS
+        return many and (self._touching is self or not self._touching._free.size)
 
     def relax_inner_motions(self, progress: Progress = silent) -> None:
         """Do the long work that moduli and sound share, and report how far it has come; the lattice keeps what it finds."""
@@ -106,18 +134,66 @@ class LongWaves(Compatibility):
         turns = np.tile(self.motions.is_rotation, self.n_balls)[-count:]
         of_kind = np.where(turns, np.max(size, where=turns, initial=0.0), np.max(size, where=~turns, initial=0.0))
         still = size <= _SOFT * of_kind
-        scale = np.where(still, 1.0, size)
-        # with fewer rows than motions some motions are free: add a row of zeros for each missing row
-        columns = np.pad(np.where(still, 0.0, inner / scale), ((0, max(0, count - len(inner))), (0, 0)))
-        left, values, right = np.linalg.svd(columns, full_matrices=False)
-        free = values <= _SOFT * values[0]
-        return np.asarray(left[: len(inner), ~free]), np.asarray(right[free].T / scale[:, None])
+        left, free, scale = _split_columns(np.where(still, 0.0, inner), size)
+        return left, free / scale[:, None]
+
+    @cached_property
+    def _free(self) -> Array:
+        """(n_inner, n_free) orthonormal inner motions that deform no contact; Cholesky's factors tell if there are none."""
+        if self._relaxation is not None:
+            return self._relaxation.free
+        inner = self._strain_rows[1]
+        size = np.linalg.norm(inner, axis=0)
+        if is_independent(inner / np.where(size > 0.0, size, 1.0)):
+            return np.zeros((inner.shape[1], 0))
+        return np.linalg.qr(self._inner_modes[1])[0]
+
+    @cached_property
+    def _touching(self) -> Self:
+        """The lattice as overlaps vanish, as far as it tells which inner motions are free: each ball has one lever arm."""
+        table = self.contacts
+        ends, arms = np.concatenate([table.i, table.j]), np.concatenate([table.arm_i, table.arm_j])
+        mean = np.bincount(ends, arms) / np.maximum(np.bincount(ends), 1)
+        most = np.zeros(len(mean))
+        np.maximum.at(most, ends, np.abs(arms - mean[ends]))
+        evened = (most > _ROUNDED_ARM * mean) & (most <= _UNEVEN_ARM * mean)
+        if not np.any(evened):
+            return self
+        arm_i, arm_j = np.split(np.where(evened[ends], mean[ends], arms), 2)
+        return type(self)(
+            self.cell, self.positions, replace(table, arm_i=read_only(arm_i), arm_j=read_only(arm_j)), self.mindlin_ratio,
+            stiffness=self.stiffness, masses=self.masses, gyration=self.gyration, torsion=self.torsion, bending=self.bending,
+            motions=self.named_motions, name=self.name,
+        )  # fmt: skip
+
+    def _find_relaxing(self, push: Array | None = None) -> Array:
+        """Return an orthonormal basis (n_inner, n) of the inner motions that relax in a long wave.
+
+        Those that stay behind deform no contact of the :attr:`_touching` lattice, and static forces do not act on them:
+        their energy under these is the form ``push`` (n_inner, n_inner). Inner motions are in mass-weighted coordinates, so
+        that the two kinds are not coupled by inertia.
+        """
+        idle = self._touching._free
+        if push is not None and idle.size:
+            values, vectors = np.linalg.eigh(idle.T @ push @ idle)
+            idle = idle @ vectors[:, np.abs(values) <= _NO_ENERGY * np.linalg.norm(push)]
+        if not idle.size:
+            return np.eye(len(idle))
+        return np.asarray(np.linalg.qr(idle, mode="complete")[0][:, idle.shape[1] :])
+
+    @cached_property
+    def _relaxing(self) -> Array:
+        """(n_rows, n) orthonormal basis of the deformations that inner motions can make in a long wave."""
+        if self._touching is self:
+            return self._inner_modes[0]
+        inner = self._strain_rows[1] @ self._find_relaxing()
+        return _split_columns(inner, np.linalg.norm(inner, axis=0))[0]
 
     def _relax(self, rows: Array) -> Array:
         """Return the part of deformations (n_rows, ...) that remains once the inner motions have relaxed."""
         if self._relaxation is not None:
             return self._relaxation.relax(rows)
-        left, _ = self._inner_modes
+        left = self._relaxing
         return np.asarray(rows - np.tensordot(left, np.tensordot(left.T, rows, 1), 1))
 
     @cached_property
@@ -161,12 +237,14 @@ class LongWaves(Compatibility):
 
         In a wave, their energy is of second order in q, as that of sound is. Where they do not couple with sound to that
         order, they are separate waves; this is always so for antiphase motions in a cell that holds several smaller cells.
-        Motions that deform nothing to this order stay behind: a ball that touches no other shifts against the rest. What
-        they have of the shift of all balls is missing from the mass, (n_u, n_u) of one if none do.
+        Motions that deform nothing to this order, and on which static forces do not act, stay behind: a ball that touches no
+        other shifts against the rest. What they have of the shift of all balls is missing from the mass, (n_u, n_u) of one
+        if none do.
         """
-        inner = self._inner_modes[1] if self._relaxation is None else self._relaxation.free
-        count = len(self.motions.translations)
-        if not inner.shape[1]:
+        if self._touching is not self:
+            return self._touching._with_sound
+        free, count = self._free, len(self.motions.translations)
+        if not free.size:
             return False, np.eye(count)
         # to first order in q the deformations of both sound and inner motions are i times real numbers
         weighted = self._weight_rows()
@@ -174,21 +252,19 @@ class LongWaves(Compatibility):
         half = 0.5 * np.tile(self.contacts.vector[:, : self.periods], (len(weighted[0]), 1))
         # a motion that deforms nothing at any q, such as the spin of a ball between two others, is left with rounding alone
         effects = abs(gap) + abs(total)
-        rows = np.sqrt(np.asarray((effects * effects).sum(axis=1)))[:, None]
+        size = np.sqrt(np.asarray((effects * effects).sum(axis=1)))[:, None]
+        change = total @ free
+        change = np.where(np.abs(change) <= _SOFT * size, 0.0, change)
+        whole = half[:, :, None] * change[:, None, :]
+        waves = self._relax(whole)
         sound = self._relaxed_rows.reshape(-1, count, self.periods)
-
-        def make_waves(free: Array) -> Array:
-            change = total @ free
-            change = np.where(np.abs(change) <= _SOFT * rows * np.linalg.norm(free, axis=0), 0.0, change)
-            return self._relax(half[:, :, None] * change[:, None, :])
 
         def couple(waves: Array) -> bool:
             coupling = np.einsum("rij,rlm->ijlm", sound, waves)
             coupling = coupling + coupling.swapaxes(1, 2)
-            return bool(np.max(np.abs(coupling), initial=0.0) > _COUPLED * np.linalg.norm(sound) * np.linalg.norm(waves))
+            # what remains of a wave that has relaxed is rounding of the whole
+            return bool(np.max(np.abs(coupling), initial=0.0) > _COUPLED * np.linalg.norm(sound) * np.linalg.norm(whole))
 
-        free = np.linalg.qr(inner)[0]
-        waves = make_waves(free)
         if not couple(waves):
             return False, np.eye(count)
         moved = sound.swapaxes(1, 2) / np.sqrt(self.masses.sum())  # as inner motions are, per root of mass
@@ -220,6 +296,8 @@ class LongWaves(Compatibility):
         that does not couple, such as balls turning in opposite senses in a cell that holds several smaller cells, belongs to
         another wave vector of the smaller cell.
         """
+        if self._touching is not self:
+            return self._touching.mechanism
         if self._with_sound[0]:
             how = " (as gears do, on a lattice without odd rings)" if self.motions.rotate else ""
             return f"The balls of a cell can shift or turn against each other without a cost in energy{how}"
@@ -227,14 +305,9 @@ class LongWaves(Compatibility):
             return ""
         values, right = jacobi_svd(self._sound_rows @ self._strains)
         if values[0] <= _SOFT * values[-1]:
-            # where several strains cost nothing, so do their sums: shown is what they have of the one that is most theirs
-            pairs, soft = voigt_pairs(self.periods), right[:, values <= _SOFT * values[-1]]
-            most = np.argmax(np.round(np.sum(soft**2, axis=1), 6))
-            strain = soft @ soft[most] * [1.0 if a == b else np.sqrt(2.0) for a, b in pairs]
-            shown = ", ".join(f"{one:g}" for one in np.round(strain / strain[np.argmax(np.abs(strain))], 6) + 0.0)
-            names = ", ".join(("" if a == b else "2") + "xyz"[a] + "xyz"[b] for a, b in pairs)
+            soft = right[:, values <= _SOFT * values[-1]]
             why = "" if self.motions.rotate else "; without friction contacts resist compression only"
-            return f"The strain ({names}) = ({shown}) costs no energy{why}"
+            return f"The strain {name_strain(soft)} costs no energy{why}"
         return ""
 
     @cached_property
@@ -263,6 +336,9 @@ class LongWaves(Compatibility):
         Returns
         -------
         (..., n_u, p, n_u, p), indices i, j, k, l of d2E / d(u_i,j) d(u_k,l), in units of k.
+
+        Raises :class:`~granphon.base.errors.InstabilityError` if prestress makes an inner motion unstable that the gradient
+        moves.
         """
         shape = (len(self.motions.translations), self.periods) * 2
         if prestress is None and not self.is_prestressed:
@@ -274,8 +350,8 @@ class LongWaves(Compatibility):
         own, mixed, block = (spring - each * held for spring, held in zip(self._spring_forms, push[:3], strict=True))
         if self._relaxation is not None:
             own = self._relaxation.eliminate(own, mixed, block)
-        elif block.size:
-            own = own - mixed.swapaxes(-1, -2) @ self._invert(block) @ mixed
+        else:
+            own = self._eliminate(own, mixed, block, self._find_relaxing(push[2]))
         stiffness = np.asarray(own.reshape(*own.shape[:-2], *shape))
         across = self._is_across
         if (
@@ -287,14 +363,42 @@ class LongWaves(Compatibility):
                 stiffness[..., axis, :, axis, :] = -each * push[3]
         return stiffness
 
-    def _invert(self, block: Array) -> Array:
-        """Return the inverse of forms (..., n, n) of inner motions, zero for those that cost nothing."""
-        if not self.slack:
-            return np.linalg.pinv(block, rcond=1e-13, hermitian=True)
-        values, vectors = np.linalg.eigh(block)
-        stiff = (values > 1e-13 * values[-1]) | (values < -self.slack * values[-1])
-        inverse = np.divide(1.0, values, out=np.zeros_like(values), where=stiff)
-        return np.asarray((vectors * inverse) @ vectors.T)
+    def _eliminate(self, own: Array, mixed: Array, block: Array, relaxing: Array) -> Array:
+        """Return forms ``own`` (..., m, m) less what the ``relaxing`` inner motions (n_inner, n) take from them.
+
+        ``mixed`` (..., n_inner, m) and ``block`` (..., n_inner, n_inner) are the parts of the forms with inner motions.
+        """
+        if not relaxing.size:
+            return own
+        values, vectors = np.linalg.eigh(relaxing.T @ block @ relaxing)
+        moved = vectors.swapaxes(-1, -2) @ relaxing.T @ mixed
+        top = np.max(np.abs(values), axis=-1, keepdims=True)
+        coupling = moved / np.sqrt(np.linalg.norm(own, axis=(-2, -1))[..., None, None] * top[..., None])
+        self._require_stable_cell(values, coupling, relaxing @ vectors)
+        # static forces without a potential lack a part, so that energies a little below zero are none
+        none = (values <= _NO_ENERGY * top) & (values >= -max(_NO_ENERGY, self.slack) * top)
+        inverse = np.divide(1.0, values, out=np.zeros_like(values), where=~none)
+        return np.asarray(own - moved.swapaxes(-1, -2) @ (inverse[..., None] * moved))
+
+    def _require_stable_cell(self, values: Array, moved: Array, vectors: Array) -> None:
+        """Raise :class:`~granphon.base.errors.InstabilityError` if a strain moves an inner motion of negative energy.
+
+        ``values`` (..., n) are the energies of ``vectors`` (..., n_inner, n), and ``moved`` (..., n, n_u p) their couplings
+        with gradients, over the largest possible. A motion that does not couple belongs to another wave vector of a smaller
+        cell, or is a wave of its own, whose frequency the bands have.
+        """
+        soft = values < -max(_NO_ENERGY, self.slack) * np.max(np.abs(values), axis=-1, keepdims=True)
+        soft = soft & (np.max(np.abs(moved), axis=-1) > _SOFT)
+        if not np.any(soft):
+            return
+        first = np.unravel_index(np.argmax(soft), soft.shape)
+        motion = np.zeros(self.n_branches)
+        motion[len(self.motions.translations) :] = np.broadcast_to(vectors, (*soft.shape[:-1], *vectors.shape[-2:]))[
+            (*first[:-1], slice(None), first[-1])
+        ]
+        of_balls = self._frame @ motion.reshape(self.n_balls, -1)
+        where = f"a squared frequency at {self.name_place(np.zeros(self.periods))} is negative"
+        raise self.explain_buckling(where, of_balls[:, self.motions.translating].T)
 
     def _find_load(self, prestress: ArrayLike | None) -> tuple[Any, tuple[Array, ...]]:
         """Return a factor (..., 1, 1), and what it multiplies: :meth:`_compute_push_forms`, and the sum of f r r/a."""
@@ -421,8 +525,9 @@ class LongWaves(Compatibility):
         Under prestress these are the coefficients between Cauchy stress and strain (F. Birch, Phys. Rev. 71, 809, 1947;
         D. C. Wallace, Thermodynamics of Crystals, 1972), so that K and rho v^2 keep their usual relation (equation 16).
 
-        Raises :class:`~granphon.base.errors.InputError` if balls do not move along the periods, and
-        :class:`~granphon.base.errors.MechanismError` if the lattice is a :attr:`mechanism`.
+        Raises :class:`~granphon.base.errors.InputError` if balls do not move along the periods,
+        :class:`~granphon.base.errors.MechanismError` if the lattice is a :attr:`mechanism`, and
+        :class:`~granphon.base.errors.InstabilityError` if prestress leaves a strain that the stiffness does not resist.
         """
         self.require_rigid()
         plain = prestress is None and not self.is_prestressed
@@ -443,7 +548,11 @@ class LongWaves(Compatibility):
         c = self.gradient_stiffness(prestress)[..., own, :, :, :][..., own, :] / self.measure
         if prestress is not None or self.is_prestressed:
             each, push = self._find_load(prestress)
-            return take_voigt(c) + find_stress_part(-each * push[3] / self.measure)
+            tensor = take_voigt(c) + find_stress_part(-each * push[3] / self.measure)
+            strains = find_unstable_strains(tensor)
+            if strains is not None:
+                raise self.explain_buckling(f"the strain {name_strain(strains)} has a modulus below zero", [])
+            return tensor
         return take_voigt(c)
 
     @cached_property
@@ -480,3 +589,17 @@ def _find_null(matrix: Array, size: float = 0.0) -> Array:
         np.pad(matrix, ((0, max(0, matrix.shape[1] - len(matrix))), (0, 0))), full_matrices=False
     )
     return np.asarray(right[values <= _SOFT * np.max(values, initial=size)])
+
+
+def _split_columns(columns: Array, size: Array) -> tuple[Array, Array, Array]:
+    """Return an orthonormal basis (m, rank) of columns (m, n) of lengths ``size``, and what takes them to zero.
+
+    That is an orthonormal basis (n, n - rank) of vectors that take the columns to zero once these are divided by the third
+    array returned (n,).
+    """
+    scale = np.where(np.any(columns != 0.0, axis=0), size, 1.0)
+    # with fewer rows than columns some vectors are free: add a row of zeros for each missing row
+    lacking = max(0, columns.shape[1] - len(columns))
+    left, values, right = np.linalg.svd(np.pad(columns / scale, ((0, lacking), (0, 0))), full_matrices=False)
+    free = values <= _SOFT * np.max(values, initial=0.0)
+    return np.asarray(left[: len(columns), ~free]), np.asarray(right[free].T), scale

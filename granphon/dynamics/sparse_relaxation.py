@@ -27,6 +27,8 @@ from granphon.dynamics.rows import Row
 
 #: ratio of the lowest to the highest eigenvalue of a matrix with prestress below which it is rounding
 _NO_SQUARE = 1e-12
+#: coupling of an inner motion with strains, over its largest possible value, up to which it is rounding
+_UNCOUPLED = 1e-12
 #: length that vectors of length one have left, if they depend on others, but for rounding
 _DEPENDENT = 1e-9
 #: corrections of a solution of the normal equations
@@ -160,17 +162,21 @@ class SparseRelaxation:
             costs = basis.T @ (block @ basis)
             values, vectors = np.linalg.eigh(0.5 * (costs + costs.T))
             top = _bound(block)
-            if values.size and values[0] < -max(_NO_SQUARE, lattice.slack) * top:
-                raise self._explain_buckling(block, basis @ vectors[:, 0])
+            motions = basis @ vectors
+            coupling = np.max(np.abs(motions.T @ mixed), axis=1, initial=0.0) / np.sqrt(np.linalg.norm(own) * top)
+            # one that no strain moves belongs to another wave vector of a smaller cell
+            unstable = np.flatnonzero((values < -max(_NO_SQUARE, lattice.slack) * top) & (coupling > _UNCOUPLED))
+            if unstable.size:
+                raise self._explain_buckling(block, motions[:, unstable[0]])
             # of static forces without a potential a part is missing that leaves nothing on motions that cost nothing
             stiff = values > _NO_SQUARE * top
-            free = basis @ vectors[:, ~stiff]
+            free = motions[:, ~stiff]
             mixed = mixed - free @ (free.T @ mixed)
             pull = np.asarray(scale @ mixed)
             motion = np.zeros_like(pull)
             for _ in range(1 + _CORRECTIONS):
                 motion += fronts.solve(pull - matrix @ motion)
-        forces = (basis @ vectors[:, stiff]).T @ mixed
+        forces = motions[:, stiff].T @ mixed
         return np.asarray(own - pull.T @ motion - forces.T @ (forces / values[stiff, None]))
 
     def _explain_buckling(self, block: Any, motion: Array) -> InstabilityError:

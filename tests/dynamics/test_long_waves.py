@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
 import math
 
 import mpmath
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
@@ -239,6 +241,87 @@ def test_balls_of_the_honeycomb_that_turn_like_gears_take_part_in_sound(torsion)
     for eta in np.linspace(0.7, 1.0, 31):
         lattice = gp.ContactLattice.of("honeycomb", eta, torsion=torsion, motions=motions)
         assert "turn against each other without a cost in energy" in lattice.mechanism
+
+
+# -- balls of two sizes that turn like gears -------------------------------------------------------------------------------
+
+STEEL_BALL = gp.Ball(gp.Material(193e9, 0.30, 8000.0), 8e-3, name="A")
+ALU_BALL = gp.Ball(gp.Material(73.5e9, 0.33, 2700.0), 6e-3, name="B")
+
+
+def of_two_sizes(name):
+    """Crystals without odd rings, of balls of 8 and 6 mm."""
+    if name == "checkerboard":
+        cell = 7e-3 * np.array([[1.0, 1.0], [1.0, -1.0]])
+        return gp.Crystal([STEEL_BALL, ALU_BALL], cell, 7e-3 * np.array([[0.0, 0.0], [1.0, 0.0]]))
+    return gp.Crystal.on(name, [STEEL_BALL, ALU_BALL])
+
+
+@pytest.mark.parametrize("scale", [1.0, 10.0])
+def test_pressed_rock_salt_of_two_sizes_is_as_stiff_as_in_lammps(scale):
+    """C44 / C33 of granular pairs with mindlin friction, all forces from LAMMPS; gears have radii for arms there."""
+    state = of_two_sizes("NaCl").at_strain(scale * np.array([-2e-5, -2e-5, -3e-5, 0.0, 0.0, 0.0]), finite_overlap=True)
+    tensor = gp.moduli(state).tensor
+    assert_allclose(tensor[3, 3] / tensor[2, 2], 0.36327, rtol=scale * 3e-5)
+    found = gp.sound_velocities(state, (1, 0, 0)).velocities
+    assert_allclose(found, scale**0.25 * np.array([172.46, 180.96, 271.29]), rtol=scale * 6e-5)
+
+
+def test_sheared_caesium_chloride_of_two_sizes_has_the_sound_of_its_bands():
+    state = of_two_sizes("CsCl").at_strain([-2e-5, -2e-5, -2e-5, 6e-6, 8e-6, 4e-6], finite_overlap=True)
+    assert_allclose(gp.sound_velocities(state, (1, 0, 0)).velocities, [209.77, 216.77, 292.03], rtol=3e-5)
+
+
+@pytest.mark.parametrize("name", ["checkerboard", "NaCl", "CsCl"])
+@settings(max_examples=5, deadline=None)
+@given(
+    size=st.floats(-7.0, -4.0), angle=angles, shares=st.lists(st.floats(-0.3, 0.3), min_size=6, max_size=6), data=st.data()
+)
+def test_gears_of_uneven_arms_stay_behind_in_sound(name, size, angle, shares, data):
+    """Their frequency is of order e; at |q|d = e^1/2 the bands are those of sound to order e."""
+    crystal, e = of_two_sizes(name), 10.0**size
+    p = crystal.periods
+    strain = e * (np.diag(shares[:p]) - np.eye(p))
+    for (a, b), shear in zip(itertools.combinations(range(p), 2), shares[3:], strict=False):
+        strain[a, b] = strain[b, a] = e * shear
+    state = crystal.at_strain(strain, finite_overlap=True)
+    along = np.array([math.cos(angle), math.sin(angle), data.draw(st.floats(-1.0, 1.0))])[:p]
+    along /= np.linalg.norm(along)
+    lattice = gp.Phonons(state).lattice
+    found = np.sort(lattice.sound_velocities(along)[0])
+    q = math.sqrt(e)
+    modes = lattice.modes([q * along])
+    # waves that move all balls together, of all with the same frequency the slowest first
+    still = np.sum(np.abs(lattice._to_balls[:, :p].conj().T @ modes.eigenvectors[0]) ** 2, axis=0)
+    sound = np.sort(np.argsort(-still, kind="stable")[:p])
+    assert_allclose(modes.frequencies[0, sound] / q, found, rtol=20.0 * e)
+    # the limit of small overlap is reached at first order
+    pressed = crystal.at_strain(strain)
+    limit = gp.sound_velocities(pressed, along).velocities
+    assert_allclose(gp.sound_velocities(state, along).velocities, limit, rtol=3.0 * e)
+    # lever arms that differ do the same where static forces are left out
+    network = dataclasses.replace(state.network, prestress=False)
+    assert_allclose(gp.sound_velocities(network, along).velocities, limit, rtol=3.0 * e)
+    tensor = gp.moduli(pressed).tensor
+    for near in (state, network):
+        assert_allclose(gp.moduli(near).tensor, tensor, rtol=0.0, atol=4.0 * e * np.max(tensor))
+
+
+def test_moduli_that_are_not_positive_are_an_error(steel):
+    packing = gp.Packing(steel, 8e-3)
+    p = (1 + packing.mindlin_ratio) / 3
+    critical = p / (2 / 3 + p)
+    gp.moduli(gp.AveragedLattice(packing).at_overlap((critical - 1e-3) * 8e-3, finite_overlap=True))
+    states = gp.AveragedLattice(packing).at_overlap(np.array([0.01, critical + 1e-3]) * 8e-3, finite_overlap=True)
+    with pytest.raises(InstabilityError, match=r"\(0, 0, 1\)"):
+        _ = gp.moduli(states).tensor
+
+
+def test_inner_motions_that_buckle_are_an_error_where_a_strain_moves_them():
+    # of diamond the two balls of the cell shift against each other with the stiffness 4/3 (1 + 2 eta - 2 p), p the prestress
+    with pytest.raises(InstabilityError, match=r"q = \(0, 0, 0\)"):
+        gp.ContactLattice.of("diamond", 0.5, prestress=1.01, bending=0.1).gradient_stiffness()
+    gp.ContactLattice.of("diamond", 0.5, prestress=0.99, bending=0.1).gradient_stiffness()
 
 
 loads = st.floats(-30.0, -5.0).map(lambda x: 10.0**x)

@@ -6,12 +6,12 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import Phase, given, settings
+from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import granphon as gp
-from granphon.base.errors import InputError, InstabilityError
+from granphon.base.errors import GranphonError, InputError, InstabilityError
 from tests.networks.twin import dynamical_matrix
 
 #: lattices, and the numbers of kinds on their sites
@@ -90,6 +90,78 @@ def test_any_crystal_is_in_balance_and_its_waves_are_those_of_its_contacts(cryst
         assert squares[0] < 1e-12 * squares[-1]
         return
     assert_allclose(found, squares, rtol=0.0, atol=1e-11 * squares[-1])
+
+
+def ask(question, *given):
+    """What a question is answered, or the error that it ends with."""
+    try:
+        return question(*given)
+    except GranphonError as error:
+        return error
+
+
+@st.composite
+def cells_and_repeats(draw):
+    """A crystal of few balls in a cell, and a number of its cells along each vector."""
+    lattice = draw(st.sampled_from(["chain", "square", "triangular", "honeycomb", "sc", "fcc", "diamond", "NaCl", "CsCl"]))
+    kinds = [gp.Ball(gp.Material(193e9, 0.30, 8000.0), 8e-3), gp.Ball(gp.Material(73.5e9, 0.33, 2700.0), 6e-3)]
+    balls = kinds if lattice in ("chain", "NaCl", "CsCl", "diamond") and draw(st.booleans()) else kinds[:1]
+    motions = {"chain": ["longitudinal", "in_plane", "all"]}.get(lattice, ["all"])
+    motions = ["in_plane", "out_of_plane", "all"] if lattice in ("square", "triangular", "honeycomb") else motions
+    crystal = gp.Crystal.on(
+        lattice, balls, law=draw(st.sampled_from([gp.Hertz(), gp.DMT(0.1)])), friction=draw(st.booleans()),
+        motions=draw(st.sampled_from(motions)), torsion=draw(st.sampled_from([0.0, 0.05])),
+        bending=draw(st.sampled_from([0.0, 0.03])),
+    )  # fmt: skip
+    p = crystal.periods
+    repeats = draw(
+        st.sampled_from([one for one in itertools.product((1, 2, 3), repeat=p) if 1 < np.prod(one) <= (3 if p < 3 else 2)])
+    )
+    return crystal, repeats
+
+
+CHAIN = gp.Crystal.on("chain", [gp.Ball(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)], motions="in_plane")
+LAYER = gp.Crystal.on("square", [gp.Ball(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)], motions="all", torsion=0.05)
+
+
+@settings(max_examples=15, deadline=None)
+@example((CHAIN, (2,)), -4.0, [0.0] * 6, True)
+@example((CHAIN, (2,)), -4.0, [0.0] * 6, False)
+@example((LAYER, (1, 2)), -3.6, [0.0] * 6, True)
+@given(cells_and_repeats(), st.floats(-7.0, -2.5), st.lists(st.floats(-0.3, 0.3), min_size=6, max_size=6), st.booleans())
+def test_a_crystal_and_its_repeats_are_the_same(cells, size, shares, follows):
+    crystal, repeats = cells
+    p, e = crystal.periods, 10.0**size
+    strain = e * (np.diag(shares[:p]) - np.eye(p))
+    for (a, b), shear in zip(itertools.combinations(range(p), 2), shares[3:], strict=False):
+        strain[a, b] = strain[b, a] = e * shear
+    states = [one.at_strain(strain, finite_overlap=follows) for one in (crystal, crystal.repeat(repeats))]
+    for direction in np.eye(p)[:1], np.full((1, p), p**-0.5):
+        small, large = (ask(gp.sound_velocities, state, direction[0]) for state in states)
+        assert type(small) is type(large)
+        if isinstance(small, GranphonError):
+            assert str(small) == str(large)
+            continue
+        assert_allclose(large.velocities, small.velocities, rtol=1e-8, atol=1e-9 * small.velocities.max())
+        assert len(small.warnings) == len(large.warnings)
+    small, large = (ask(lambda state: gp.moduli(state).tensor, state) for state in states)
+    assert type(small) is type(large)
+    if isinstance(small, GranphonError):
+        assert str(small) == str(large)
+    else:
+        assert_allclose(large, small, rtol=0.0, atol=1e-9 * np.abs(small).max())
+    cells_of = np.array(list(itertools.product(*map(range, repeats))))
+    for q in np.zeros(p), np.full(p, 0.21) + 0.1 * np.arange(p):
+        large = ask(gp.Phonons(states[1]).frequencies, [q])
+        small = ask(gp.Phonons(states[0]).frequencies, (q + cells_of) / repeats)
+        assert type(small) is type(large)
+        if not isinstance(small, GranphonError):
+            expected = np.sort(small, axis=None) ** 2
+            assert_allclose(np.sort(large[0]) ** 2, expected, rtol=0.0, atol=1e-12 * expected[-1])
+    assert (
+        ask(lambda: gp.Phonons(states[1]).lattice.free_branches)
+        == len(cells_of) * gp.Phonons(states[0]).lattice.free_branches
+    )
 
 
 @pytest.mark.parametrize("direction", [(0, 0, 1), (1, 0, 0), (1, 1, 0), (1, 1, 1), (0.3, -0.5, 0.81), (0.9, 0.2, -0.1)])
