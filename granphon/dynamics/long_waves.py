@@ -86,23 +86,31 @@ class LongWaves(Compatibility):
     def _is_large(self) -> bool:
         """Whether there are so many motions in the cell that sparse factors are faster.
 
-        They relax all motions: where some stay behind that deform contacts a little, dense matrices tell them apart.
+        They relax all motions that deform contacts. Where some of these stay behind, as gears whose arms differ a little,
+        dense matrices tell them apart.
         """
-        many = self.n_branches > MANY_COLUMNS
-        return many and (self._touching is self or not self._touching._free.size)
+        if self.n_branches <= MANY_COLUMNS:
+            return False
+        return self._touching is self or self._sparse.free.shape[1] >= self._touching._free.shape[1]
 
     def relax_inner_motions(self, progress: Progress = silent) -> None:
         """Do the long work that moduli and sound share, and report how far it has come; the lattice keeps what it finds."""
-        if self._is_large and not self.is_held and "_relaxation" not in vars(self):
-            vars(self)["_relaxation"] = self._make_relaxation(progress)
+        if self.n_branches > MANY_COLUMNS and not self.is_held and "_sparse" not in vars(self):
+            vars(self)["_sparse"] = self._make_sparse(progress)
 
     @cached_property
-    def _relaxation(self) -> SparseRelaxation | None:
-        """The relaxation of many inner motions by sparse factors; None where there are few."""
-        return self._make_relaxation(silent) if self._is_large else None
+    def _sparse(self) -> SparseRelaxation:
+        """The relaxation of all inner motions by sparse factors."""
+        return self._make_sparse(silent)
 
-    def _make_relaxation(self, progress: Progress) -> SparseRelaxation:
-        return SparseRelaxation(self, *self._find_inner_ends(*self._weight_rows()), _SOFT, progress)
+    def _make_sparse(self, progress: Progress) -> SparseRelaxation:
+        head, tail = compose_ends(self, *self._weight_rows())
+        return SparseRelaxation(self, (head - tail).tocsr(), (head + tail).tocsr(), _SOFT, progress)
+
+    @property
+    def _relaxation(self) -> SparseRelaxation | None:
+        """The relaxation of many inner motions by sparse factors; None where matrices are dense."""
+        return self._sparse if self._is_large else None
 
     @property
     def _n_gradients(self) -> int:
@@ -174,11 +182,14 @@ class LongWaves(Compatibility):
         that the two kinds are not coupled by inertia.
         """
         idle = self._touching._free
+        if self._touching._is_large:  # of balls, not of the frame in which the first one is the shift of all
+            in_frame = self._frame.T @ idle.reshape(self.n_balls, -1)
+            idle = in_frame.reshape(idle.shape)[len(self.motions.translations) :]
         if push is not None and idle.size:
             values, vectors = np.linalg.eigh(idle.T @ push @ idle)
             idle = idle @ vectors[:, np.abs(values) <= _NO_ENERGY * np.linalg.norm(push)]
         if not idle.size:
-            return np.eye(len(idle))
+            return np.eye(self.n_branches - len(self.motions.translations))
         return np.asarray(np.linalg.qr(idle, mode="complete")[0][:, idle.shape[1] :])
 
     @cached_property
