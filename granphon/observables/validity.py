@@ -18,7 +18,7 @@ from granphon.base.results import Result
 from granphon.media.left_out import expect_shear_deficit, find_left_out
 from granphon.media.limits import Check, check_limit
 from granphon.media.simulation import DirectSimulation
-from granphon.media.state import State, as_state, ideal_lattice
+from granphon.media.state import as_state, ideal_lattice
 from granphon.networks.network import ContactNetwork
 
 #: spread of log(k^3/f d*) of contacts that follow Hertz's law, over that of log f, at most, and what digits of a file add
@@ -93,7 +93,7 @@ def validity(state: Any) -> Validity:
     return as_state(state).cached(_compute_validity)
 
 
-def find_warnings(state: State) -> tuple[str, ...]:
+def find_warnings(state: Any) -> tuple[str, ...]:
     """Return one sentence for each limit that a state exceeds: limits of the state, or else of :func:`validity`."""
     own = getattr(state, "warnings", None)
     if own is not None:
