@@ -107,7 +107,7 @@ class ContactModel:
         ``shear_stiffness``, N/m, ``torsion_stiffness``, ``bending_stiffness``, N m. Raises
         :class:`~granphon.base.errors.InputError` for a force that the law does not bear, and for kinds without a law.
         """
-        number = np.array([self.names.index(name) for name in names] if self.names else np.zeros(len(radii)), int)
+        number = np.array([self.names.index(name) for name in names] if len(names) else np.zeros(len(radii)), int)
         diameters = 2.0 * radii if self.own_radii else np.array([ball.diameter for ball in self.kinds])[number]
         found = {name: np.zeros(len(radii)) for name in ("overlap", "arm", *_STIFFNESSES)}
         pairs, of_pair = np.unique(np.stack([number, diameters], axis=1), axis=0, return_inverse=True)

@@ -609,7 +609,7 @@ class ContactNetwork(Result):
             place, which, m = np.searchsorted(at, ball), row[lost], len(at)
             push = self.normal_force[which, None] * self.normal[which]  # of ball i on ball j
             push += 0.0 if self.tangential_force is None else self.tangential_force[which]
-            force = np.bincount(place, out * (push @ turn.T[:, p]))
+            force: Any = np.bincount(place, out * (push @ turn.T[:, p]))
             wall = self._press_on_floor(at, force, _name_face(side))
             wall |= {"i": at, "j": np.full(m, len(balls["masses"])), "normal": side * np.eye(3)[np.full(m, p)]}
             wall |= {"tangential_force": np.zeros((m, 3)), "shift": np.zeros((m, 3), np.intp)}
@@ -641,7 +641,7 @@ class ContactNetwork(Result):
             lattice=None, shape=None, kinds=self.kinds and self.kinds * count + floors,
         )  # fmt: skip
 
-    def _press_on_floor(self, balls: Index, force: Array, face: str) -> dict[str, Array]:
+    def _press_on_floor(self, balls: Index, force: Array, face: str) -> dict[str, Any]:
         """Return the fields of the contacts of ``balls`` of a cut with a rigid plane, each under its own ``force``, N."""
         model = self.contact_model
         if model is None:
@@ -649,6 +649,9 @@ class ContactNetwork(Result):
             mend = "Give the material where the network is read, as from_table(..., material=...); or clamp the face"
             raise InputError(what, "Its stiffness is that of a ball on a rigid plane", mend)
         ball = balls % self.n_balls  # of the layer
+        if not self.kinds and len(model.kinds) > 1:
+            what = f"the balls of the {face} name no kinds, and are of {counted(len(model.kinds), 'material')}"
+            raise InputError(what, "Which of them stand on the floor is not known", "Keep the kinds of the network")
         names = [self.kinds[number] for number in ball.tolist()] if self.kinds and model.names else []
         if missing := sorted(set(names) - set(model.names)):
             known = ", ".join(model.names)
@@ -665,9 +668,10 @@ class ContactNetwork(Result):
         overlap = found.pop("overlap")
         if self.prestress or model.own_radii:
             found["arm"] = self.radii[ball] - 0.5 * overlap
-        found["arm_i"] = found.pop("arm")
-        found["arm_j"] = self.radii[ball] - overlap - found["arm_i"] if self.prestress or model.own_radii else 0.0 * overlap
-        return found | {"normal_force": force}
+            arm_j = -0.5 * overlap
+        else:
+            arm_j = np.zeros(len(balls))
+        return found | {"normal_force": force, "arm_i": found.pop("arm"), "arm_j": arm_j}
 
     def storable(self) -> Self:
         """Return the network as plain data and files can hold it: without the contact model of a user's own law."""

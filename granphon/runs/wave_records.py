@@ -46,7 +46,7 @@ from granphon.networks.network import ContactNetwork, given_network
 from granphon.phonons.surfaces import SurfaceSpectrum
 from granphon.waves.chebyshev import Kernel
 from granphon.waves.dos import SpectralDensity
-from granphon.waves.motion import Motion
+from granphon.waves.motion import Motion, fit_velocity
 from granphon.waves.operator import WaveOperator
 from granphon.waves.path_spectra import PathSpectra, find_path_points
 from granphon.waves.pulses import (
@@ -86,10 +86,6 @@ NUMBERS = (
 )  # fmt: skip
 OVER_TIME = tuple(f"motion_{name}" for name in ("translation", "rotation", "stored", "lost", "supplied", "force"))
 _WITH_ERRORS = NUMBERS[:3]
-#: part of the greatest change of a force below which nothing has come to a contact
-_STILL = 1e-3
-#: part of the greatest force at rest below which a change may be rounding
-_ROUNDING = 1e-10
 #: how the height of a narrow peak becomes known, of a mean over samples, and of one network
 _NARROW = ("give frequencies closer to each other", "give a damping or a loss_factor")
 #: least number of steps in a period of a shaker
@@ -98,10 +94,6 @@ _PER_PERIOD = 10
 _MOST_LOST = 0.1
 #: parts of the greatest distance between which velocities are read
 _BETWEEN = (0.25, 0.75)
-#: least correlation of a line
-_STRAIGHT = 0.9
-#: greatest change of its slope between these parts, over the slope: what diffuses, t ~ x^2, has a half
-_BENT = 0.25
 
 
 def require_waves(serving_media: Sequence[ServingMedium], wanted: WaveSettings, most: float = np.inf) -> None:
@@ -364,11 +356,11 @@ class Passage(NamedTuple):
     Attributes
     ----------
     distances : (n_c,) of contacts from the nearest ball or wall that is driven, or its nearest image, m.
-    arrivals : (n_c,) times at which the force has changed by half of what it ever changes, s; nan where it hardly does.
+    arrivals : (n_c,) times at which the front passes, s, as of :meth:`Motion.passages`; nan where it is not known.
     peaks, heights : (n_c,) times, s, and sizes, N, of the greatest force; a time is nan at the ends of the motion.
-    front, peak : velocities of the arrivals and of the peaks, m/s: the slopes of the lines of least squares of distances
-        over times, of contacts between a quarter and three quarters of the greatest distance. nan without such a line, as
-        where dashpots are so strong that the force diffuses.
+    front, peak : velocities, m/s, at which the front and the peak of :meth:`Motion.passages` pass the contacts between a
+        quarter and three quarters of the greatest distance (:func:`fit_velocity`). nan without a straight line, as where
+        dashpots are so strong that the force diffuses.
     """
 
     distances: Array
@@ -381,38 +373,27 @@ class Passage(NamedTuple):
     @classmethod
     def of(cls, motion: Motion, source: Index) -> Self:
         """Find what passes the contacts of a motion from the balls ``source``."""
-        network, times = motion.network, motion.times
+        network = motion.network
         cells = np.array(list(product(*([-1, 0, 1] if one else [0] for one in network.pbc))))
         images = (network.positions[source] + (cells @ network.cell)[:, None]).reshape(-1, 3)
         distances = np.asarray(cKDTree(images).query(motion.middles)[0])
         for wall in set(source.tolist()) & set(network.walls):  # a plane, which is nearer than the place that it is given at
             place, toward = network.walls[wall]
             distances = np.minimum(distances, np.abs((motion.middles - place) @ toward))
-        change = np.abs(motion.forces - motion.forces[0])
-        least = _STILL * float(change.max(initial=0.0)), _ROUNDING * float(motion.forces[0].max(initial=0.0)), 1e-300
-        moved = change.max(axis=0) > max(least)
         peaks, heights = motion.peaks()
-        at = np.argmax(motion.forces, axis=0)
-        # of a force that still rises at the end it is not known when half of the change was there
-        arrivals = np.where(moved & (np.argmax(change, axis=0) < len(times) - 1), motion.arrivals(), np.nan)
-        peaks = np.where(moved & (at > 0) & (at < len(times) - 1), peaks, np.nan)
-        return cls(distances, arrivals, peaks, heights, *(_fit_velocity(distances, one) for one in (arrivals, peaks)))
+        greatest, last = np.argmax(motion.forces, axis=0), len(motion.times) - 1
+        fronts = motion.passages("front")
+        peaks = np.where(np.isfinite(motion.passages()) & (greatest > 0) & (greatest < last), peaks, np.nan)
+        velocities = (_find_velocity(distances, one) for one in (fronts, motion.passages()))
+        return cls(distances, fronts, peaks, heights, *velocities)
 
 
-def _fit_velocity(distances: Array, times: Array) -> float:
-    """Return the slope of the line of least squares of distances over times, m/s; nan where there is none."""
+def _find_velocity(distances: Array, times: Array) -> float:
+    """Return the velocity of what passes contacts between a quarter and three quarters of the way, m/s, or nan."""
     known = np.isfinite(times)
     far = float(np.max(distances, initial=0.0, where=known))
     known &= (distances >= _BETWEEN[0] * far) & (distances <= _BETWEEN[1] * far)
-    if np.count_nonzero(known) < 3:
-        return math.nan
-    x, t = distances[known], times[known]
-    (a, b), (_, c) = np.cov(t, x)
-    if not b > _STRAIGHT * math.sqrt(a * c):
-        return math.nan
-    bends = len(np.unique(np.round(x / far, 9))) > 3
-    curve, slope, _ = np.polyfit((x - np.mean(x)) / far, t, 2) if bends else (0.0, 1.0, 0.0)
-    return float(b / a) if abs(curve) * np.ptp(x) / far <= _BENT * abs(slope) else math.nan
+    return fit_velocity(distances[known], times[known])[0] if np.count_nonzero(known) >= 3 else math.nan
 
 
 def record_motion(x: Any, settings: MotionSettings) -> tuple[dict[str, Array], dict[str, Callable[[], bytes]]]:

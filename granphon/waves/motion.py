@@ -25,6 +25,16 @@ from granphon.networks.network import ContactNetwork
 
 #: what a file of a motion says about itself
 _ABOUT = {"format": "granphon motion", "schema": "1"}
+#: what passes a contact
+_PASSAGES = ("peak", "front")
+#: part of the greatest change of a force below which nothing has come to a contact
+_STILL = 1e-3
+#: part of the greatest force at rest below which a change may be rounding; a change, N, that is none
+_ROUNDING, _NOTHING = 1e-10, 1e-300
+#: least correlation of a line
+_STRAIGHT = 0.9
+#: greatest change of its slope over it, over the slope: what diffuses, t ~ x^2, has a half between quarters of the way
+_BENT = 0.25
 #: least number of frames in a period of the highest harmonic
 _PER_PERIOD = 2.5
 #: what a file holds to which no more can be written
@@ -149,50 +159,81 @@ class Motion(Result):
 
         Both are those of a parabola through the greatest frame and its neighbours; of the first frame, or the last, itself.
         """
-        top, last = np.argmax(self.forces, axis=0), len(self.times) - 1
-        before, after = np.maximum(top - 1, 0), np.minimum(top + 1, last)
-        low, most, high = (self.forces[at, np.arange(len(top))] for at in (before, top, after))
+        return self._find_tops(np.argmax(self.forces, axis=0))
+
+    def _find_tops(self, frames: Index) -> tuple[Array, Array]:
+        """Return times and heights of parabolas through the forces of contacts at ``frames`` (n_c,) and beside them."""
+        last, contacts = len(self.times) - 1, np.arange(self.forces.shape[1])
+        before, after = np.maximum(frames - 1, 0), np.minimum(frames + 1, last)
+        low, most, high = (self.forces[at, contacts] for at in (before, frames, after))
         bend, tilt = (low - most) + (high - most), low - high  # so of a change by rounding it is not zero either
         shift = np.divide(0.5 * tilt, bend, out=np.zeros_like(bend), where=after == before + 2)
-        return self.times[top] + 0.5 * shift * (self.times[after] - self.times[before]), most - 0.25 * tilt * shift
+        return self.times[frames] + 0.5 * shift * (self.times[after] - self.times[before]), most - 0.25 * tilt * shift
 
     def arrivals(self, share: float = 0.5) -> Array:
-        """Return the times, (n_c,), s, at which each force has changed by the part ``share`` of its greatest change.
+        """Return the times, (n_c,), s, at which each force has changed by the part ``share`` of its first great change.
 
-        Times between frames are interpolated linearly; the time is infinite where a force does not change.
+        That is the first maximum of the change with at least half of the greatest, so that a later echo does not count; or
+        the greatest change, if it has no such maximum. Times between frames are interpolated linearly; the time is infinite
+        where a force does not change.
         """
         change = np.abs(self.forces - self.forces[0])
-        level = require("share", lambda value: number(value, 1e-9, 1.0), share) * change.max(axis=0)
+        first = _find_first_maxima(change)
+        top, contacts = np.where(first > 0, first, np.argmax(change, axis=0)), np.arange(change.shape[1])
+        level = require("share", lambda value: number(value, 1e-9, 1.0), share) * change[top, contacts]
         after = np.clip(np.argmax(change >= level, axis=0), min(1, len(change) - 1), None)
-        low, high = (change[at, np.arange(len(level))] for at in (after - 1, after))
+        low, high = (change[at, contacts] for at in (after - 1, after))
         part = np.divide(level - low, high - low, out=np.zeros_like(level), where=high > low)
         return np.where(level > 0.0, self.times[after - 1] + part * (self.times[after] - self.times[after - 1]), np.inf)
+
+    def passages(self, of: Literal["peak", "front"] = "peak", share: float = 0.5) -> Array:
+        """Return the times, (n_c,), s, at which a pulse passes each contact: by its peak, or its front.
+
+        The peak is the first maximum of the force above that at the start, with at least half of the greatest; the front is
+        where the force has the part ``share`` of its first great change, as in :meth:`arrivals`. nan where hardly anything
+        comes, and where the force has no such maximum, as where it still rises at the end.
+        """
+        rise = self.forces - self.forces[0]
+        change = np.abs(rise)
+        least = _STILL * float(change.max(initial=0.0)), _ROUNDING * float(self.forces[0].max(initial=0.0)), _NOTHING
+        first = _find_first_maxima(rise if one_of("of", of, _PASSAGES) == "peak" else change)
+        is_known = (change.max(axis=0, initial=0.0) > max(least)) & (first > 0)
+        times = self._find_tops(np.maximum(first, 0))[0] if of == "peak" else self.arrivals(share)
+        return np.where(is_known, times, np.nan)
 
     def pulse_velocity(
         self, contacts: Sequence[int], direction: ArrayLike | None = None, of: Literal["peak", "front"] = "peak",
         share: float | None = None,
     ) -> float:  # fmt: skip
-        """Return the velocity, m/s, at which the greatest force, or the front of :meth:`arrivals`, passes ``contacts``.
+        """Return the velocity, m/s, at which a pulse, by its peak or its front, :meth:`passes <passages>` ``contacts``.
 
-        The front is where the force has the part ``share`` of its greatest change, by default half. A straight line is
-        fitted to distances over times. Distances are along the ``direction`` (3,), by default from the first contact to the
-        last. Raises :class:`~granphon.base.errors.InputError` for fewer than two contacts, for contacts that it does not
-        reach one after another, and for a ``share`` of a peak.
+        The front is where the force has the part ``share`` of its first great change, by default half. A straight line is
+        fitted to distances over times (:func:`fit_velocity`). Distances are along the ``direction`` (3,), by default from
+        the first contact to the last. Raises :class:`~granphon.base.errors.InputError` for fewer than two contacts, for a
+        contact that the pulse does not pass within the run, for contacts that it does not reach one after another along a
+        straight line, and for a ``share`` of a peak.
         """
         at = index_array("contacts", contacts, self.forces.shape[1], "contacts")
         if at.size < 2:
             raise InputError(f"contacts are {brief(contacts)}", mend="Give two or more")
-        if one_of("of", of, ("peak", "front")) == "peak" and share is not None:
+        if one_of("of", of, _PASSAGES) == "peak" and share is not None:
             raise InputError(f"share is {brief(share)}, and a peak has none", mend='Give of="front" too')
         places = self.middles[at] - self.middles[at[0]]
         if direction is None and not np.any(places[-1]):
             raise InputError(f"contacts {brief(contacts)} begin and end at one place", mend="Give contacts along a way")
         along = one_direction(places[-1] if direction is None else direction, 3)
-        times = (self.peaks()[0] if of == "peak" else self.arrivals(0.5 if share is None else share))[at]
-        spread = times - np.mean(times)
-        if not np.all(np.isfinite(times)) or not np.any(spread):
-            raise InputError("the pulse does not pass these contacts one after another", mend="Run for longer")
-        return float(spread @ (places @ along) / (spread @ spread))
+        times = self.passages(of, 0.5 if share is None else share)[at]
+        if np.any(np.isnan(times)):
+            missed = at[np.isnan(times)]
+            what = f"the pulse does not pass contact {missed[0]}"
+            more = f", nor {missed.size - 1} others" if missed.size > 1 else ""
+            mend = "Run for longer, or give contacts that it has passed"
+            raise InputError(what + more, "Its force does not change much, or still rises at the end", mend)
+        velocity, reason = fit_velocity(places @ along, times)
+        if reason:
+            mend = "Give contacts in the order in which it comes to them, on one side of where it begins"
+            raise InputError(f"the pulse has no velocity along these contacts: {reason}", mend=mend)
+        return velocity
 
     def spectrum(self, ball: int, axis: int = 0) -> tuple[Array, Array]:
         """Return frequencies, Hz, and amplitudes, m, of the displacement of a ball along an ``axis``, each (n_f//2 + 1,).
@@ -232,6 +273,37 @@ class Motion(Result):
         terms = np.hstack([np.ones((len(angle), 1)), np.cos(angle), np.sin(angle)])
         fitted: Any = np.linalg.lstsq(terms, self.displacements[last, :, along], rcond=None)[0]
         return np.asarray(fitted[1 : most + 1] + 1j * fitted[most + 1 :])
+
+
+def _find_first_maxima(values: Array) -> Index:
+    """Return the frames (n_c,) of the first maxima of ``values`` (n_f, n_c) with half of the greatest; 0 without one."""
+    if len(values) < 3:
+        return np.zeros(values.shape[1], np.intp)
+    inner = values[1:-1]
+    is_top = (inner > values[:-2]) & (inner >= values[2:])
+    is_top &= (inner >= 0.5 * values.max(axis=0, initial=0.0)) & (inner > 0.0)
+    return (
+        np.where(np.any(is_top, axis=0), 1 + np.argmax(is_top, axis=0), 0) if len(inner) else np.zeros(values.shape[1], int)
+    )
+
+
+def fit_velocity(distances: Array, times: Array) -> tuple[float, str]:
+    """Return the slope of the line of least squares of distances, m, over times, s, and an empty text.
+
+    Without a straight line that rises it is nan, and the text says why: times that do not grow with the distance, that
+    scatter about the line (correlation of :data:`_STRAIGHT` or less), or whose line bends, as that of what diffuses.
+    """
+    (a, b), (_, c) = np.cov(times, distances)
+    if not b > 0.0:
+        return math.nan, "it comes no later to those that are farther away"
+    if not b > _STRAIGHT * math.sqrt(a * c):
+        return math.nan, "times scatter about a straight line"
+    far = float(np.max(np.abs(distances)))
+    if len(np.unique(np.round(distances / far, 9))) > 3:
+        curve, slope, _ = np.polyfit((distances - np.mean(distances)) / far, times, 2)
+        if not abs(curve) * np.ptp(distances) / far <= _BENT * abs(slope):
+            return math.nan, "distances over times are no straight line"
+    return float(b / a), ""
 
 
 class Frames:

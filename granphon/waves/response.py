@@ -128,8 +128,8 @@ class Response(Result, array="values"):
     """
 
     _notebook_fields = ("method",)
-    #: the values at other frequencies; None where no network is at hand, or none has a bound
-    _solve: ClassVar[Solve | None] = None
+    #: what solves at other frequencies; empty where no network is at hand, or nothing loses energy
+    _solver: ClassVar[tuple[Solve, ...]] = ()
 
     frequencies: Annotated[Array, "f", "Hz"]
     values: Annotated[Complex, "f r"]
@@ -175,13 +175,14 @@ class Response(Result, array="values"):
 
         ``groups`` has for each mean the numbers of its receivers, a list or a slice.
         """
-        solve = self._solve
 
         def take_means(values: Complex) -> Complex:
             return np.stack([np.mean(values[:, group], axis=1) for group in groups], axis=1)
 
-        between = None if solve is None else lambda frequencies: take_means(solve(frequencies))
-        return find_peaks(self.frequencies, take_means(self.values), between)
+        def solve(frequencies: Array) -> Complex:
+            return take_means(self._solver[0](frequencies))
+
+        return find_peaks(self.frequencies, take_means(self.values), solve if self._solver else None)
 
     @property
     def method(self) -> str:
@@ -346,8 +347,10 @@ def find_response(
     problem = _Problem(operator, damped, drives, heard, ears, moved, operator.stretch(amplitude) if moved else np.zeros(0))
 
     def solve(at: Array) -> tuple[Complex, Array, int, int]:
-        values, *rest = problem.solve(2.0 * math.pi * at, method, tolerance)
-        return values * (2j * math.pi * at)[:, None] if quantity == "velocity" else values, *rest
+        values, error, factored, steps = problem.solve(2.0 * math.pi * at, method, tolerance)
+        if quantity == "velocity":
+            values = values * (2j * math.pi * at)[:, None]
+        return values, error, factored, steps
 
     values, error, factored, steps = solve(hertz)
     warnings = damped.find_warnings(float(np.max(hertz)))
@@ -366,7 +369,7 @@ def find_response(
         )
     response = Response(hertz, values, quantity, sources, pushes, receivers, directions, error, factored, steps, warnings)
     if not damped.is_none:  # without losses a peak has no height
-        object.__setattr__(response, "_solve", lambda frequencies: solve(frequencies)[0])
+        object.__setattr__(response, "_solver", (lambda at: solve(at)[0],))
     return response
 
 

@@ -138,8 +138,8 @@ def transmission(
     reflected, transmitted = (np.sum(np.abs(one) ** 2, axis=1) for one in (back, through))
     count = np.maximum(modes[:, 0], 1)
     if damped.is_none:
-        runs = np.arange(most) < modes[:, :1]
-        lost = np.max(np.abs(transmitted + reflected - runs), axis=1, initial=0.0)
+        come = np.arange(most) < modes[:, :1]
+        lost = np.max(np.abs(transmitted + reflected - come), axis=1, initial=0.0)
         if np.any(lost > _BALANCED):
             worst = int(np.argmax(lost))
             what = (

@@ -207,6 +207,28 @@ FLOORS = {
 _OF_FLOOR = ("normal_force", *(f"{name}_stiffness" for name in ("normal", "shear", "torsion", "bending")), "arm_i", "arm_j")
 
 
+class LinearLaw:
+    """A spring that only pushes, as a user would write it."""
+
+    def __init__(self, k):
+        self.k = k
+
+    def energy(self, overlap):
+        return 0.5 * self.k * np.maximum(overlap, 0.0) ** 2
+
+    def force(self, overlap):
+        return self.k * np.maximum(overlap, 0.0)
+
+    def stiffness(self, overlap):
+        return self.k * (np.asarray(overlap) > 0.0)
+
+    def stiffness_slope(self, overlap):
+        return 0.0 * np.asarray(overlap)
+
+    def overlap(self, force):
+        return np.asarray(force) / self.k
+
+
 def on_floor(network):
     """The fields of the contacts with floors, by ball."""
     of_floor = np.flatnonzero(np.isinf(network.radii[network.j]))
@@ -266,8 +288,15 @@ def test_a_floor_of_networks_from_elsewhere(tmp_path):
     stiffness = [on_floor(gp.Waves(one).network.cut(1, 3, "floor"))["normal_stiffness"] for one in (state, atoms)]
     assert_allclose(stiffness[0], stiffness[1], rtol=1e-12)
     assert_allclose(on_floor(sample.network.cut(1, 2, "floor"))["normal_stiffness"], stiffness[0][0], rtol=1e-2)
-    with pytest.raises(InputError, match="material"):
-        replace(network, contact_model=None).cut(0, 3, "floor")
+    # a user's own law gives a floor, which plain data cannot hold
+    law = LinearLaw(1e6)
+    network_of_law = gp.Crystal.on("chain", [BALL], law=law).at_force(10.0).network
+    assert_allclose(on_floor(network_of_law.cut(0, 3, "floor"))["normal_stiffness"], 1e6, rtol=1e-12)
+    assert gp.ContactNetwork.from_dict(network_of_law.to_dict()).contact_model is None
+    assert network_of_law.contact_model.law is law
+    for lost in ({"contact_model": None}, {"contact_model": crystal.contact_model, "kinds": None}):
+        with pytest.raises(InputError, match="material"):
+            replace(network, **lost).cut(0, 3, "floor")
     with pytest.raises(InputError, match="load"):
         replace(network, normal_force=np.zeros(2)).cut(0, 3, "floor")
 

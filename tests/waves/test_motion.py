@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose
 
 import granphon as gp
 from granphon.base.errors import InputError
+from granphon.runs.wave_records import Passage
 
 N, FRAMES, SPACING, V = 12, 801, 1e-3, 3.0
 
@@ -36,10 +37,67 @@ def test_peaks_and_velocities_of_a_pulse():
     assert_allclose(heights, 7.0, rtol=1e-12)
     assert_allclose(times, 0.2 + motion.middles[:, 0] / 80.0, rtol=1e-9)
     assert_allclose(motion.pulse_velocity(range(11)), 80.0, rtol=1e-9)
-    assert_allclose(motion.pulse_velocity([0, 4, 9], direction=(0, 0, 1)), 0.0, atol=1e-9)
+    assert_allclose(motion.passages(), times, rtol=1e-12)
     assert_allclose(motion.arrivals(0.5), times - math.sqrt(1e-3), atol=1e-5)
     assert_allclose(motion.pulse_velocity(range(11), of="front", share=0.5), 80.0, rtol=1e-4)
     assert np.all(np.isinf(make().arrivals()))
+
+
+def test_an_echo_does_not_count_and_a_run_may_be_too_short():
+    """The first maxima count, though what comes back from the end is higher; a force that still rises has none."""
+
+    def push(t, x, back):
+        onwards, echo = t - 0.1 - x / 80.0, t - 0.1 - (44.0 - x) / 80.0
+        return 5.0 + np.exp(-((onwards / 0.01) ** 2)) + back * np.exp(-((echo / 0.01) ** 2))
+
+    for back in (0.0, 1.0, 1.6):
+        motion = make(forces=lambda t, x, back=back: push(t, x, back))
+        for of in ("peak", "front"):
+            assert_allclose(motion.pulse_velocity(range(8), of=of), 80.0, rtol=1e-3)
+    # the pulse is at x = 24 m, between contacts 11 and 12, where the run ends
+    short = {name: getattr(motion, name)[:281] for name, one in motion._shapes.items() if one[0] == "f"}
+    short = replace(motion, **short)
+    assert np.flatnonzero(np.isnan(short.passages())).tolist() == [10]
+    assert_allclose(short.pulse_velocity(range(9)), 80.0, rtol=1e-3)
+    with pytest.raises(InputError, match="contact 10"):
+        short.pulse_velocity(range(11))
+
+
+def test_a_velocity_is_that_of_a_straight_line_that_rises():
+    forces = {
+        "no later": lambda t, x: np.exp(-(((t - 0.9 + x / 80.0) / 0.01) ** 2)),  # it comes from the other end
+        "no straight line": lambda t, x: np.exp(-(((t - 0.1 - x * x / 800.0) / 0.01) ** 2)),  # it diffuses
+        "scatter": lambda t, x: np.exp(-(((t - 0.3 - x / 400.0 - 0.1 * np.sin(4.0 * x)) / 0.01) ** 2)),
+    }
+    for words, push in forces.items():
+        motion = make(forces=lambda t, x, push=push: 5.0 + push(t, x))
+        for of in ("peak", "front"):
+            with pytest.raises(InputError, match=words):
+                motion.pulse_velocity(range(11), of=of)
+    with pytest.raises(InputError, match="no later"):
+        make(forces=lambda t, x: push(t, x)).pulse_velocity([0, 4, 9], direction=(0, 0, 1))
+
+
+def test_a_hit_chain_has_one_velocity_however_long_it_is_heard():
+    """Against a floor at its other end, from which an echo comes; while the pulse is on its way there is none."""
+    ball = gp.Ball(gp.Material(193e9, 0.30, 7958.0), 19.05e-3)
+    network = gp.Crystal.on("chain", [ball]).at_force(20.0).network.cut(0, 30, ("free", "floor"))
+    velocities = np.zeros((network.n_balls, 3))
+    velocities[0, 0] = 0.1
+    run = gp.NonlinearWaves(network).run(1.6e-3, velocities=velocities, frames=321)
+    found = []
+    for frames in (101, 201, 321):
+        short = {name: getattr(run, name)[:frames] for name, one in run._shapes.items() if one[0] == "f"}
+        motion = replace(run, **short)
+        if frames == 101:  # 0.5 ms, 0.26 m of 0.57 m
+            with pytest.raises(InputError, match="does not pass contact"):
+                motion.pulse_velocity(range(5, 20))
+        else:
+            found.append(motion.pulse_velocity(range(5, 20)))
+            assert_allclose(Passage.of(motion, np.array([0])).peak, found[-1], rtol=0.02)
+    assert_allclose(found[0], found[1], rtol=1e-12)
+    long_waves = gp.sound_velocities(gp.Crystal.on("chain", [ball]).at_force(20.0)).longitudinal
+    assert long_waves < found[0] < 1.2 * long_waves
 
 
 def test_places_where_balls_meet_across_the_cell():
