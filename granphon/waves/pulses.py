@@ -421,6 +421,20 @@ def _find_delay(signal: Array, times: Array, frequency: float) -> float:
     return abs(float(np.real(np.sum(times * turned) / whole))) if abs(whole) > 0.0 else math.nan
 
 
+def _find_delay_error(signals: Array, times: Array, frequency: float) -> float:
+    """Return the standard error of the group delay of the mean of ``signals`` (n, n_t) at a frequency, s.
+
+    It is what each signal adds to the delay, to first order, as if those were independent; zero for one signal.
+    """
+    wave = np.exp(-2j * np.pi * frequency * times)
+    parts, first = signals @ wave, signals @ (times * wave)
+    whole, n = np.mean(parts), len(signals)
+    if n < 2 or not abs(whole) > 0.0:
+        return 0.0
+    added = np.real((first - np.mean(first) / whole * parts) / whole)
+    return float(np.linalg.norm(added)) / math.sqrt(n * (n - 1))
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Pulse(Result):
     """What was heard of a pulse; SI units. Signals are velocities along the polarisation.
@@ -550,10 +564,11 @@ class Pulse(Result):
         return find_arrivals(self.times, signals, self.sent, self.cycles / self.frequency, method, threshold)
 
     @cached_property
-    def _flight(self) -> tuple[float, float, str]:
-        """Time of flight by the envelope, s, its error, s, and why both are nan; empty if they are not."""
+    def _flight(self) -> tuple[float, float, float, str]:
+        """Time of flight by the envelope, s, its errors by shape and speckle, s, and why they are nan, or nothing."""
         (time,), (why,) = self._find_arrivals(self.coherent[None], "envelope", _BEGINS)
-        hertz, fastest, error, why = self.frequency, float(self.fastest[1]), math.nan, self._find_echo() or why
+        hertz, fastest, why = self.frequency, float(self.fastest[1]), self._find_echo() or why
+        error = scatter = math.nan
         if not why and self.distance > (1.0 + _FASTER) * fastest * time:
             why = (
                 f"the signal is highest {write_quantity(time, 's', 4)} after the burst, and the fastest waves of the "
@@ -566,11 +581,13 @@ class Pulse(Result):
             middle = time + 0.5 * duration
             clear = min(time + self.echo / float(self.fastest[0]), float(self.times[-1])) - middle
             after = self.times - middle
-            # what comes within each reach counts, fading out over its last third: the pulse alone, and all that it trails, as
-            # waves near the top of a band are late. Any one of the two may agree with the envelope by chance
+            # what comes within each reach counts, fading out over its last third: the pulse alone, and all that it trails,
+            # as waves near the top of a band are late. Either may agree with the envelope by chance
             reaches = (min(_REACH * duration, clear), clear)
-            gated, trailed = (self.coherent * np.clip(3.0 * (1.0 - np.abs(after) / one), 0.0, 1.0) for one in reaches)
-            error = max(_find_delay(one, after, hertz) for one in (gated, trailed))
+            gates = [np.clip(3.0 * (1.0 - np.abs(after) / one), 0.0, 1.0) for one in reaches]
+            error = max(_find_delay(self.coherent * gate, after, hertz) for gate in gates)
+            scatter = _find_delay_error(self.signals * gates[0], after, hertz)
+            gated = self.coherent * gates[0]
             # how much of that frequency is left, over the most of any other: as in the burst if all travel alike
             wave = np.exp(-2j * np.pi * hertz * self.times)
             left, given = (
@@ -583,7 +600,7 @@ class Pulse(Result):
                     "held back more than these: use another frequency, such as one of a band, more cycles, or a shorter "
                     "distance"
                 )
-        return (math.nan, math.nan, why) if why else (float(time), error, "")
+        return (math.nan, math.nan, math.nan, why) if why else (float(time), error, scatter, "")
 
     def _find_echo(self) -> str:
         """Return why an echo makes times of flight unknown, if one may come before the pulse is at its height."""
@@ -604,10 +621,13 @@ class Pulse(Result):
         if self.why_unknown:
             said.append(f"the arrival of the pulse is not known: {self.why_unknown}")
         elif (unsure := self.velocity_error / self.velocity) > _UNSURE:
-            said.append(
-                f"the pulse changes its shape on the way, and its velocity is known to {100.0 * unsure:.0f} % only: use "
-                "more cycles, a longer distance or a lower frequency"
+            _, shape, scatter, _ = self._flight
+            known = f"its velocity is known to {100.0 * unsure:.0f} % only: use"
+            changes = (
+                f"the pulse changes its shape on the way, and {known} more cycles, a longer distance or a lower frequency"
             )
+            differs = f"the pulse differs from ball to ball, and {known} a wider array, or the mean of several samples"
+            said.append(changes if shape >= scatter else differs)
         return tuple(said)
 
     @property
@@ -623,7 +643,7 @@ class Pulse(Result):
     @property
     def why_unknown(self) -> str:
         """Why the time of flight is nan; empty if it is not."""
-        return self._flight[2]
+        return self._flight[3]
 
     @property
     def velocity(self) -> float:
@@ -632,13 +652,16 @@ class Pulse(Result):
 
     @property
     def velocity_error(self) -> float:
-        """How far the velocity may be from the group velocity at the frequency of the burst, as its shape changes, m/s.
+        """How far the velocity may be from the group velocity at the frequency of the burst, m/s.
 
-        It is the difference from the velocity by the group delay at that frequency, -d phase / d omega of the signal: the
-        larger of two, of the pulse alone and of all that comes before an echo or the end of the record. Where these come
-        soon only a part of the pulse counts, and the error is a lower bound.
+        It has two parts, whose squares add up. The shape of the pulse changes: the difference from the velocity by the group
+        delay at that frequency, -d phase / d omega of the signal, the larger of two, of the pulse alone and of all that
+        comes before an echo or the end of the record. And signals differ from ball to ball: the standard error of that
+        delay, as if the balls of the plane were independent. Where an echo comes soon only a part of the pulse counts, and
+        the error is a lower bound; it is one too where neighbours hear alike.
         """
-        return self.velocity * self._flight[1] / self.time_of_flight
+        time, shape, scatter, _ = self._flight
+        return self.velocity * math.hypot(shape, scatter) / time
 
 
 def average_pulses(pulses: Sequence[Pulse]) -> Pulse:

@@ -217,8 +217,8 @@ def scattering_lengths(runs: Sequence[Transmission]) -> ScatteringLengths:
 
     def invert(rate: Array, error: Array, factor: float) -> tuple[Array, Array]:
         seen = rate > 0.0
-        inverse = np.divide(factor, rate, out=np.full(rate.shape, np.inf), where=seen)
-        return inverse, np.where(seen, inverse / np.where(seen, rate, 1.0) * error, np.inf)
+        inverse, share = (np.divide(one, rate, out=np.full(rate.shape, np.inf), where=seen) for one in (factor, error))
+        return inverse, inverse * share
 
     path, path_error = (np.where(open_ways, each, 0.0) for each in invert(rate, its_error, 1.0))
     return ScatteringLengths(first.frequencies, path, path_error, *invert(fall, error, 2.0))

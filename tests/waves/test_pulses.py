@@ -659,6 +659,56 @@ def test_a_pulse_says_how_sure_its_velocity_is(hertz, cycles, low, high):
     assert any("changes its shape" in text for text in pulse.warnings) == (low > 0.0)
 
 
+@pytest.mark.claim("pulses-scatter")
+@pytest.mark.parametrize("hertz", [1.2, 1.4, 1.6])
+@pytest.mark.parametrize(
+    ("cycles", "distance", "ends"), [(5, 6, "periodic"), (5, 6, "free"), (5, 20, "free"), (5, 40, "free"), (10, 20, "free")]
+)
+def test_errors_near_the_top_of_a_band_cover_the_group_velocity(hertz, cycles, distance, ends):
+    # of a chain, whose top is at 2 (k/M)^1/2 / 2 pi
+    pulse = gp.Waves(chain(120)).transmit(hertz * HERTZ, (1,), distance * D, cycles, ends=ends)
+    group = np.sqrt(1.0 - 0.25 * hertz**2) * D * OMEGA
+    assert abs(pulse.velocity - group) < 2.0 * pulse.velocity_error + 0.002 * group
+
+
+@pytest.mark.claim("pulses-scatter")
+def test_a_pulse_near_the_top_of_a_band_of_balls_that_differ():
+    packing = gp.Packing(STEEL, D, spread=gp.Uniform(2.04e-6))
+    group = gp.pulse_velocities(gp.EffectiveMedium(packing).at_force(10.0), 26e3, (0, 1)).group[0]
+    for sample in gp.DirectSimulation(packing, shape=(12, 80), samples=3).at_force(10.0).samples:
+        pulse = gp.Waves(sample).transmit(26e3, (0, 1), 0.05, ends="periodic")
+        assert abs(pulse.velocity - group) < 2.0 * pulse.velocity_error
+        assert pulse.velocity_error < 0.1 * pulse.velocity
+
+
+@pytest.mark.claim("pulses-scatter")
+@pytest.mark.parametrize(("force", "hertz", "samples"), [
+    (2.0, 5160.0, 4), *(pytest.param(*one, 16, marks=pytest.mark.exhaustive) for one in ((0.5, 3590.0), (2.0, 5160.0))),
+])  # fmt: skip
+def test_velocities_scatter_by_no_more_than_their_errors(force, hertz, samples):
+    # waves of twelve balls
+    packing = gp.Packing(STEEL, D, spread=gp.Uniform(2.04e-6))
+    state = gp.DirectSimulation(packing, shape=(20, 40), samples=samples).at_force(force)
+    pulses = [gp.Waves(one).transmit(hertz, (1, 0), 10.0 * D, 2) for one in state.samples]
+    scatter = np.std([one.velocity for one in pulses], ddof=1)
+    error = np.sqrt(np.mean([one.velocity_error**2 for one in pulses]))
+    # neighbours do not hear quite independently, and the scatter of n samples is known to 1 in (2 n)^1/2
+    assert scatter < (1.25 + 1.0 / np.sqrt(2.0 * samples)) * error
+    assert error < 3.0 * scatter
+
+
+def test_errors_are_those_of_the_mean_over_balls():
+    alone = gp.Waves(press(0.5, (20, 40), 0).samples[0]).transmit(3590.0, (1, 0), 10.0 * D, 2)
+    shared = average_pulses([alone] * 4)
+    ones = replace(alone, signals=np.tile(alone.coherent, (len(alone.signals), 1)))
+    by_shape = ones.velocity_error
+    by_ball = np.sqrt(alone.velocity_error**2 - by_shape**2)
+    n = len(alone.signals)
+    assert by_ball > 0.0
+    wanted = np.hypot(by_shape, by_ball * np.sqrt((n - 1) / (4 * n - 1)))
+    assert shared.velocity_error == pytest.approx(wanted, rel=1e-9)
+
+
 @pytest.mark.claim("pulses-none")
 def test_echo_within_the_pulse_is_a_warning():
     network = ideal("triangular", (4, 48))
