@@ -346,7 +346,7 @@ class Source:
 
 def _force_of_overlap(coefficient: Array, overlap: Array, off: Array | float = 0.0) -> Array:
     """Return the forces (n_c,) of Hertz's law at overlaps that are off by so much, m."""
-    return coefficient * HertzLaw(1.0).force(overlap + off)
+    return np.asarray(coefficient * HertzLaw(1.0).force(overlap + off))
 
 
 def _judge_errors(contacts: Contacts, balls: Balls, by_overlap: Callable[..., Array], error: Array) -> None:

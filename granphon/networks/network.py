@@ -147,8 +147,9 @@ class ContactNetwork(Result):
         given |= {name: require(name, truth, getattr(self, name)) for name in ("prestress", "adhesive")}
         given["dimension"] = whole_number("dimension", self.dimension, 1, 3)
         given["left_out"] = whole_number("left_out", self.left_out, 0)
-        if not isinstance(self.lattice, Lattice | None):
-            what = f"the lattice of the network is {brief(self.lattice)}"
+        lattice: Any = self.lattice
+        if not isinstance(lattice, Lattice | None):
+            what = f"the lattice of the network is {brief(lattice)}"
             raise InputError(what, mend="Give a granphon.Lattice, or None")
         if self.shape is not None:
             given["shape"] = require("shape", partial(lengths, low=1, high=MOST_CELLS), self.shape)
