@@ -155,11 +155,13 @@ class Quantity:
             return None
         size = np.abs(values)
         zero = size == 0.0
-        if any(re.search("[1-9]", re.split("[eE]", text)[0]) for text in {numbers[at] for at in np.flatnonzero(zero)}):
+        if any(
+            re.search("[1-9]", re.split("[eE]", text)[0]) for text in {numbers[at] for at in np.flatnonzero(zero).tolist()}
+        ):
             return None  # below the floating range
         # left to :meth:`read`: numbers near the ends of the floating range, and those that may be refused
         plain = np.all(zero | ((size > _TINY) & (size < 1.0 / _TINY)))
-        taken = {"above zero": values > 0.0, "zero or above": values >= 0.0, "any": True}[self.least]
+        taken = {"above zero": values > 0.0, "zero or above": values >= 0.0, "any": np.isfinite(values)}[self.least]
         return values + 0.0 if plain and np.all(taken) else None  # no zero is negative
 
     def measures(self, unit: str) -> bool:
@@ -201,7 +203,9 @@ def _multiply(text: str, factor: Fraction) -> float:
     whole, _, part = digits.partition(".")
     shift = int(exponent or 0) - len(part)
     above, below = 10 ** max(shift, 0), 10 ** max(-shift, 0)
-    return int(whole + part) * factor.numerator * above / (factor.denominator * below)
+    numerator: int = int(whole + part) * factor.numerator * above
+    denominator: int = factor.denominator * below
+    return numerator / denominator
 
 
 @lru_cache(maxsize=256)  # all cells of a column have the same unit

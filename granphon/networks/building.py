@@ -352,7 +352,7 @@ class Source:
 
 def _force_of_overlap(coefficient: Array, overlap: Array, off: Array | float = 0.0) -> Array:
     """Return the forces (n_c,) of Hertz's law at overlaps that are off by so much, m."""
-    return coefficient * HertzLaw(1.0).force(overlap + off)
+    return np.asarray(coefficient * HertzLaw(1.0).force(overlap + off))
 
 
 def _judge_errors(contacts: Contacts, balls: Balls, by_overlap: Callable[..., Array], error: Array) -> None:
@@ -362,8 +362,8 @@ def _judge_errors(contacts: Contacts, balls: Balls, by_overlap: Callable[..., Ar
     if part <= _TOLD_ERROR:
         return
     what = (
-        f"{contacts.name} has no forces, and those of the overlaps are off by {part:.{0 if part > 0.1 else 1}%}, as the"
-        f" places of {balls.name} are rounded to {float(np.max(error)):.2g} m"
+        f"{contacts.name} has no forces, and those of the overlaps are off by {part:.{0 if part > 0.1 else 1}%}, as"
+        f" places of {balls.name} are rounded: {float(np.max(error)):.2g} m in an overlap"
     )
     mend = "Write places with more digits (in LAMMPS: dump_modify 1 format float %.16g), or give the forces"
     if part > _MOST_ERROR:

@@ -152,8 +152,9 @@ class ContactNetwork(Result):
         given |= {name: require(name, truth, getattr(self, name)) for name in ("prestress", "adhesive")}
         given["dimension"] = whole_number("dimension", self.dimension, 1, 3)
         given["left_out"] = whole_number("left_out", self.left_out, 0)
-        if not isinstance(self.lattice, Lattice | None):
-            what = f"the lattice of the network is {brief(self.lattice)}"
+        lattice: Any = self.lattice
+        if not isinstance(lattice, Lattice | None):
+            what = f"the lattice of the network is {brief(lattice)}"
             raise InputError(what, mend="Give a granphon.Lattice, or None")
         if not isinstance(self.contact_model, ContactModel | None):
             what = f"the contact model of the network is {brief(self.contact_model)}"

@@ -274,3 +274,11 @@ def test_many_directions_are_each_of_them(steel, lattice, finite):
             assert_allclose(getattr(pulses, name)[..., place], getattr(pulse, name), rtol=1e-12)
         assert_allclose(pulses.group_vector[..., place, :], pulse.group_vector, rtol=1e-9, atol=1e-9 * pulse.group.max())
         assert_allclose(pulse.group_vector @ pulse.direction, pulse.group, rtol=1e-13)
+
+
+@pytest.mark.parametrize(("density", "told"), [(7.84, True), (19.3, True), (22.6, False), (7840.0, False)])
+def test_a_density_in_grams_per_cubic_centimetre_is_told(density, told):
+    state = gp.AveragedLattice(gp.Packing(gp.Material(200e9, 0.3, density), 8e-3)).at_force(1.0)
+    warning = gp.validity(state)["density"].warning
+    assert (warning is not None) == told
+    assert not told or f"{density:g} kg/m^3" in warning
