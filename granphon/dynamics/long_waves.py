@@ -189,28 +189,23 @@ class LongWaves(Compatibility):
 
         In a wave, their energy is of second order in q, as that of sound is. Where they do not couple with sound to that
         order, they are separate waves; this is always so for antiphase motions in a cell that holds several smaller cells.
-        Motions that deform nothing to this order, and on which static forces do not act, stay behind: a ball that touches no
-        other shifts against the rest. What they have of the shift of all balls is missing from the mass, (n_u, n_u) of one
-        if none do.
+        Motions that deform nothing to this order stay behind: a ball that touches no other shifts against the rest. What
+        they have of the shift of all balls is missing from the mass, (n_u, n_u) of one if none do.
         """
         if self._touching is not self:
             return self._touching._with_sound
         free, count = self._free, len(self.motions.translations)
         if not free.size:
             return False, np.eye(count)
-        half = 0.5 * self.contacts.vector[:, : self.periods]
-
-        def make_waves(rows: list[Row], root: Array) -> Array:
-            # to first order in q the deformations of both sound and inner motions are i times real numbers
-            gap, total = self._combine_ends(rows, root)
-            size = np.linalg.norm(self._select_inner(np.abs(gap) + np.abs(total)), axis=1, keepdims=True)
-            change = self._select_inner(total) @ free
-            # a motion that deforms nothing at any q, such as the spin of a ball between two others, is left with rounding
-            change = np.where(np.abs(change) <= _SOFT * size, 0.0, change)
-            return np.tile(half, (len(rows), 1))[:, :, None] * change[:, None, :]
-
-        whole, sound = make_waves(*self._weight_rows()), self._relaxed_rows.reshape(-1, count, self.periods)
+        # to first order in q the deformations of both sound and inner motions are i times real numbers
+        gap, total = self._combine_ends(*self._weight_rows())
+        half = 0.5 * np.tile(self.contacts.vector[:, : self.periods], (len(total), 1))
+        # a motion that deforms nothing at any q, such as the spin of a ball between two others, is left with rounding alone
+        rows = np.linalg.norm(self._select_inner(np.abs(gap) + np.abs(total)), axis=1, keepdims=True)
+        change = self._select_inner(total) @ free
+        whole = half[:, :, None] * np.where(np.abs(change) <= _SOFT * rows, 0.0, change)[:, None, :]
         waves = self._relax(whole)
+        sound = self._relaxed_rows.reshape(-1, count, self.periods)
 
         def couple(waves: Array) -> bool:
             coupling = np.einsum("rij,rlm->ijlm", sound, waves)
@@ -303,8 +298,8 @@ class LongWaves(Compatibility):
         if relaxing.size:
             values, vectors = np.linalg.eigh(relaxing.T @ block @ relaxing)
             moved = vectors.swapaxes(-1, -2) @ relaxing.T @ mixed
-            size = np.linalg.norm(own, axis=(-2, -1)) * np.max(np.abs(values), axis=-1)
-            self._require_stable_cell(values, moved / np.sqrt(size)[..., None, None], relaxing @ vectors)
+            most = np.sqrt(np.linalg.norm(own, axis=(-2, -1)) * np.max(np.abs(values), axis=-1))
+            self._require_stable_cell(values, np.max(np.abs(moved), axis=-1) > _SOFT * most[..., None], relaxing @ vectors)
             rounding = _NO_ENERGY * np.max(np.abs(values), axis=-1, keepdims=True)
             inverse = np.divide(1.0, values, out=np.zeros_like(values), where=np.abs(values) > rounding)
             own = own - moved.swapaxes(-1, -2) @ (inverse[..., None] * moved)
@@ -317,22 +312,19 @@ class LongWaves(Compatibility):
                 stiffness[..., axis, :, axis, :] = -each * push[3]
         return stiffness
 
-    def _require_stable_cell(self, values: Array, moved: Array, vectors: Array) -> None:
+    def _require_stable_cell(self, values: Array, is_moved: NDArray[np.bool_], vectors: Array) -> None:
         """Raise :class:`~granphon.base.errors.InstabilityError` if a strain moves an inner motion of negative energy.
 
-        ``values`` (..., n) are the energies of ``vectors`` (..., n_inner, n), and ``moved`` (..., n, n_u p) their couplings
-        with gradients, over the largest possible. A motion that does not couple belongs to another wave vector of a smaller
-        cell, or is a wave of its own, whose frequency the bands have.
+        ``values`` (..., n) are the energies of ``vectors`` (..., n_inner, n), and ``is_moved`` (..., n) says whether a
+        gradient moves them. A motion that none moves belongs to another wave vector of a smaller cell, or is a wave of its
+        own, whose frequency the bands have.
         """
-        soft = values < -_NO_ENERGY * np.max(np.abs(values), axis=-1, keepdims=True)
-        soft = soft & (np.max(np.abs(moved), axis=-1) > _SOFT)
+        soft = is_moved & (values < -_NO_ENERGY * np.max(np.abs(values), axis=-1, keepdims=True))
         if not np.any(soft):
             return
         first = np.unravel_index(np.argmax(soft), soft.shape)
         motion = np.zeros(self.n_branches)
-        motion[len(self.motions.translations) :] = np.broadcast_to(vectors, (*soft.shape[:-1], *vectors.shape[-2:]))[
-            (*first[:-1], slice(None), first[-1])
-        ]
+        motion[len(self.motions.translations) :] = vectors[(*first[:-1], slice(None), first[-1])]
         of_balls = self._frame @ motion.reshape(self.n_balls, -1)
         where = f"a squared frequency at {self.name_place(np.zeros(self.periods))} is negative"
         raise self.explain_buckling(where, of_balls[:, self.motions.translating].T)
