@@ -322,9 +322,8 @@ class LongWaves(Compatibility):
         soft = is_moved & (values < -_NO_ENERGY * np.max(np.abs(values), axis=-1, keepdims=True))
         if not np.any(soft):
             return
-        first = np.unravel_index(np.argmax(soft), soft.shape)
         motion = np.zeros(self.n_branches)
-        motion[len(self.motions.translations) :] = vectors[(*first[:-1], slice(None), first[-1])]
+        motion[len(self.motions.translations) :] = vectors.swapaxes(-1, -2)[soft][0]
         of_balls = self._frame @ motion.reshape(self.n_balls, -1)
         where = f"a squared frequency at {self.name_place(np.zeros(self.periods))} is negative"
         raise self.explain_buckling(where, of_balls[:, self.motions.translating].T)
