@@ -248,9 +248,8 @@ class LongWaves(Compatibility):
 
         In a wave, their energy is of second order in q, as that of sound is. Where they do not couple with sound to that
         order, they are separate waves; this is always so for antiphase motions in a cell that holds several smaller cells.
-        Motions that deform nothing to this order, and on which static forces do not act, stay behind: a ball that touches no
-        other shifts against the rest. What they have of the shift of all balls is missing from the mass, (n_u, n_u) of one
-        if none do.
+        Motions that deform nothing to this order stay behind: a ball that touches no other shifts against the rest. What
+        they have of the shift of all balls is missing from the mass, (n_u, n_u) of one if none do.
         """
         if self._touching is not self:
             return self._touching._with_sound
@@ -365,9 +364,8 @@ class LongWaves(Compatibility):
             own = self._eliminate(own, mixed, block, self._find_relaxing(push[2]))
         stiffness = np.asarray(own.reshape(*own.shape[:-2], *shape))
         across = self._is_across
-        if (
-            across.any() and not self.has_tangential_force
-        ):  # a gradient of displacements across the periods costs the work of the static stress, nothing else
+        # a gradient of displacements across the periods costs the work of the static stress, nothing else
+        if across.any() and not self.has_tangential_force:
             stiffness[..., across, :, :, :] = 0.0
             stiffness[..., :, :, across, :] = 0.0
             for axis in np.flatnonzero(across):
@@ -384,29 +382,26 @@ class LongWaves(Compatibility):
         values, vectors = np.linalg.eigh(relaxing.T @ block @ relaxing)
         moved = vectors.swapaxes(-1, -2) @ relaxing.T @ mixed
         top = np.max(np.abs(values), axis=-1, keepdims=True)
-        coupling = moved / np.sqrt(np.linalg.norm(own, axis=(-2, -1))[..., None, None] * top[..., None])
-        self._require_stable_cell(values, coupling, relaxing @ vectors)
+        most = np.sqrt(np.linalg.norm(own, axis=(-2, -1))[..., None] * top)
+        self._require_stable_cell(values, np.max(np.abs(moved), axis=-1) > _SOFT * most, relaxing @ vectors)
         # static forces without a potential lack a part, so that energies a little below zero are none
         none = (values <= _NO_ENERGY * top) & (values >= -max(_NO_ENERGY, self.slack) * top)
         inverse = np.divide(1.0, values, out=np.zeros_like(values), where=~none)
         return np.asarray(own - moved.swapaxes(-1, -2) @ (inverse[..., None] * moved))
 
-    def _require_stable_cell(self, values: Array, moved: Array, vectors: Array) -> None:
+    def _require_stable_cell(self, values: Array, is_moved: NDArray[np.bool_], vectors: Array) -> None:
         """Raise :class:`~granphon.base.errors.InstabilityError` if a strain moves an inner motion of negative energy.
 
-        ``values`` (..., n) are the energies of ``vectors`` (..., n_inner, n), and ``moved`` (..., n, n_u p) their couplings
-        with gradients, over the largest possible. A motion that does not couple belongs to another wave vector of a smaller
-        cell, or is a wave of its own, whose frequency the bands have.
+        ``values`` (..., n) are the energies of ``vectors`` (..., n_inner, n), and ``is_moved`` (..., n) says whether a
+        gradient moves them. A motion that none moves belongs to another wave vector of a smaller cell, or is a wave of its
+        own, whose frequency the bands have.
         """
-        soft = values < -max(_NO_ENERGY, self.slack) * np.max(np.abs(values), axis=-1, keepdims=True)
-        soft = soft & (np.max(np.abs(moved), axis=-1) > _SOFT)
+        rounding = max(_NO_ENERGY, self.slack) * np.max(np.abs(values), axis=-1, keepdims=True)
+        soft = is_moved & (values < -rounding)
         if not np.any(soft):
             return
-        first = np.unravel_index(np.argmax(soft), soft.shape)
         motion = np.zeros(self.n_branches)
-        motion[len(self.motions.translations) :] = np.broadcast_to(vectors, (*soft.shape[:-1], *vectors.shape[-2:]))[
-            (*first[:-1], slice(None), first[-1])
-        ]
+        motion[len(self.motions.translations) :] = vectors.swapaxes(-1, -2)[soft][0]
         of_balls = self._frame @ motion.reshape(self.n_balls, -1)
         where = f"a squared frequency at {self.name_place(np.zeros(self.periods))} is negative"
         raise self.explain_buckling(where, of_balls[:, self.motions.translating].T)

@@ -272,6 +272,7 @@ def test_sheared_caesium_chloride_of_two_sizes_has_the_sound_of_its_bands():
     assert_allclose(gp.sound_velocities(state, (1, 0, 0)).velocities, [209.77, 216.77, 292.03], rtol=3e-5)
 
 
+@pytest.mark.claim("gears-stay-behind")
 @pytest.mark.parametrize("name", ["checkerboard", "NaCl", "CsCl"])
 @settings(max_examples=5, deadline=None)
 @given(
