@@ -27,6 +27,8 @@ _ENTRY = re.compile(r"^\.\. auto(class|function|exception|module):: (\S+)\n((?: 
 _LINK = re.compile(r":\w+:`(?:([^`<]+) <[^`>]+>|~(?:[\w.]*\.)?([\w]+)|([^`]+))`")
 #: classes whose members are said once, where they stand themselves
 _SAID = frozenset(conf.autodoc_default_options["inherited-members"].split(", "))
+#: arrays by their elements, as the pages call them
+_ELEMENTS = {"intp": "[int]", "bool_": "[bool]", "complex128": "[complex]"}
 #: most letters of a line
 _WIDTH = 110
 
@@ -102,7 +104,8 @@ def _write_signature(one: Any, owner: type | None) -> str:
     ]  # fmt: skip
     returned = found.return_annotation
     given = found.replace(parameters=taken, return_annotation=returned if returned is found.empty else _Bare(returned))
-    return say_types(str(given).replace("<factory>", "..."))
+    said = re.sub(r"NDArray\[(?:np\.)?(\w+)\]", lambda kind: "Array" + _ELEMENTS.get(kind[1], ""), str(given))
+    return say_types(said.replace("<factory>", "..."))
 
 
 def _say_default(value: Any) -> Any:
