@@ -77,7 +77,7 @@ def skip(app: Any, what: str, name: str, obj: Any, skipped: bool, options: Any) 
 
 def sign(app: Any, what: str, name: str, obj: Any, options: Any, signature: str | None, returned: str | None) -> Any:
     """For ``autodoc-process-signature``: names that autodoc could not look up, and defaults made anew for each object."""
-    return signature and _say_types(signature.replace("<factory>", "...")), returned and _say_types(returned)
+    return signature and say_types(signature.replace("<factory>", "...")), returned and say_types(returned)
 
 
 def name_aliases() -> None:
@@ -103,7 +103,7 @@ def field_types(obj: Any) -> dict[str, str]:
     except NameError:  # imported for type checkers alone
         hints = {name: hint for one in reversed(obj.__mro__) for name, hint in getattr(one, "__annotations__", {}).items()}
     return {
-        name: _say_types(hints[name]) if isinstance(hints[name], str) else stringify_annotation(hints[name], "smart")
+        name: say_types(hints[name]) if isinstance(hints[name], str) else stringify_annotation(hints[name], "smart")
         for name in fields
         if get_origin(hints[name]) is not ClassVar and not _stands_apart(obj, name)
     }
@@ -114,7 +114,7 @@ def _stands_apart(obj: Any, name: str) -> bool:
     return any(hasattr(vars(one).get(name), "__get__") for one in obj.__mro__)
 
 
-def _say_types(text: str) -> str:
+def say_types(text: str) -> str:
     """Types as a text of annotations has them, with their aliases said; of fields without their shapes and units."""
     text = re.sub(r"""~?(?:typing\.)?Annotated\[(.+?)(?:, (?:"[^"]*"|'[^']*'))+\]""", r"\1", text)
     return re.sub(r"(?<![\w.~'])\w+(?!\s*[(\w:=.\[])", lambda name: ALIASES.get(name[0], name[0]), text)

@@ -1,6 +1,7 @@
 """The tables of the reference, from what they describe: ``python docs/_generate.py`` writes them into their pages.
 
-With names, as in ``python docs/_generate.py rooms media``, only the tables between the marks of these names.
+With names, as in ``python docs/_generate.py rooms media``, only the tables between the marks of these names; ``text`` are
+the texts of the interface, ``docs/reference/api/*.txt``.
 
 What a key allows is asked of the rule that reads it; defaults and units are those of the schema; commands and their options
 are those of the command line; the fields of output files are read from files that small scenes wrote just now. Only what
@@ -41,6 +42,7 @@ from _meanings import (
     SPREADS,
     SWEPT,
 )  # fmt: skip
+from _text import write_interface
 from typer.models import OptionInfo
 
 from granphon.balls.diameters import Normal
@@ -187,7 +189,7 @@ def interface() -> str:
         title = text.partition("\n")[0].removeprefix("# ")
         rows.append(
             [
-                f"[{title}](api/{page.name})",
+                f"[{title}](api/{page.name}) ([text](api/{page.stem}.txt))",
                 ", ".join(f"{{py:obj}}`{'~' * (kind != 'module')}{name}`" for kind, name in names),
             ]
         )
@@ -603,11 +605,18 @@ def filled(text: str, found: Mapping[str, str]) -> str:
     return _REGION.sub(lambda m: f"{m[1]}\n{found[m[2]]}\n\n{m[3]}" if m[2] in found else m[0], text)
 
 
+def texts(names: Sequence[str] = ()) -> dict[Path, str]:
+    """What each file should hold, with the parts of these ``names``, or all, made anew."""
+    marked = [name for name in names if name != "text"]
+    made = regions(marked) if marked or not names else {}
+    found = {page: filled(page.read_text(encoding="utf-8"), made) for page in PAGES}
+    if names and "text" not in names:
+        return found
+    return found | {page.with_suffix(".txt"): write_interface(page) for page in interface_pages()}
+
+
 if __name__ == "__main__":
-    made = regions(sys.argv[1:])
-    for page in PAGES:
-        before = page.read_text(encoding="utf-8")
-        after = filled(before, made)
-        if after != before:
-            page.write_text(after, encoding="utf-8")
-            print(f"wrote {page}", file=sys.stderr)
+    for file, after in texts(sys.argv[1:]).items():
+        if not file.exists() or file.read_text(encoding="utf-8") != after:
+            file.write_text(after, encoding="utf-8")
+            print(f"wrote {file}", file=sys.stderr)

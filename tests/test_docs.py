@@ -393,12 +393,27 @@ def test_the_tables_of_the_reference_are_made_from_the_code(monkeypatch, those):
     monkeypatch.syspath_prepend(DOCS)
     import _generate
 
-    made = _generate.regions([one.__name__ for one in getattr(_generate, those)])
+    made = _generate.texts([one.__name__ for one in getattr(_generate, those)])
     every = {one.__name__ for one in (*_generate.PLAIN, *_generate.READ)}
     assert every == {name for page in _generate.PAGES for name in _generate.marks(page.read_text(encoding="utf-8"))}
-    for page in _generate.PAGES:
-        text = page.read_text(encoding="utf-8")
-        assert _generate.filled(text, made) == text, f"{page.name} is out of date: run python docs/_generate.py"
+    for page, text in made.items():
+        assert page.read_text(encoding="utf-8") == text, f"{page.name} is out of date: run python docs/_generate.py"
+
+
+def test_the_texts_of_the_interface_are_those_of_the_code(monkeypatch):
+    monkeypatch.syspath_prepend(DOCS)
+    import _generate
+
+    made = _generate.texts(["text"])
+    for page in _generate.interface_pages():
+        text = made[page.with_suffix(".txt")]
+        assert page.with_suffix(".txt").read_text(encoding="utf-8") == text, f"{page.stem}.txt: run python docs/_generate.py"
+        assert not re.search(r" at 0x|:\w+:`|<factory>", text)
+    whole = "\n".join(text for page, text in made.items() if page.suffix == ".txt")
+    for name, one, owner in interface():  # as the pages have them
+        shown = rf"^    \.{name.rpartition('.')[2]}\b" if owner else rf"^granphon\.(?:\w+\.)*{name}\b"
+        if owner is None or callable(one) or hasattr(one, "__get__"):
+            assert re.search(shown, whole, re.MULTILINE), name
 
 
 def test_every_public_name_is_on_a_page_of_the_interface(monkeypatch):

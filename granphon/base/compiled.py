@@ -72,7 +72,7 @@ def _end_no_run(cache: Any) -> None:
                 # the index goes: it may name a file that another version of the loop has left
                 with suppress(OSError):
                     os.unlink(cache._cache_file._index_path)
-                _warn(f"{cache.cache_path}: {error or type(error).__name__}")
+                _warn(f"{cache.cache_path}: {str(error) or type(error).__name__}")
                 return None
 
         return go_on
