@@ -33,6 +33,7 @@ from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.balls.packing import MINDLIN, read_rolling, require_shallow
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, brief
+from granphon.base.memory import require_memory
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
@@ -49,6 +50,8 @@ Laws = Hertz | PowerLaw | DMT | JKR | TabulatedLaw
 _MOST_CELLS = 1_000_000
 #: most balls of a crystal: its contacts are held in memory, about 1 kB a ball
 _MOST_BALLS = 10_000_000
+#: memory of a ball, or of a contact, while a crystal is made and checked, bytes
+_BALL_BYTES = 550.0
 #: the arrays of a state, in the order of its fields
 _PER_LOAD = ("normal_force", "overlap", "normal_stiffness", "normal", "displacements", "stress", "strain", "ways")
 #: relative error at which a mean force or overlap is reached, and most states on the way to it
@@ -305,7 +308,7 @@ class Crystal(Result):
         if not self.periods:
             raise InputError(f"crystal {self.name!r} has no period along which it could be repeated", mend="Give its cell")
         full = require("shape", lambda value: lengths(value, 1, _MOST_CELLS, self.periods), shape)
-        _require_room(math.prod(full) * self.n_balls)
+        _require_room(math.prod(full), self)
         table, n = self.contacts, self.n_balls
         cells, *ends = repeat_contacts(table.i, table.j, table.shift, n, tuple(full))
         origin, rows = np.tile(np.arange(n), len(cells)), np.tile(np.arange(len(table)), len(cells))
@@ -426,7 +429,7 @@ class Crystal(Result):
         Raises :class:`~granphon.base.errors.InputError` for an axis that is no period, and if layers do not hang together.
         """
         count = whole_number("layers", layers, 1, _MOST_CELLS)
-        _require_room(count * self.n_balls)
+        _require_room(count, self)
         words, layering = require("edges", read_edges, edges), Layers.across(axis, self.cell)
         d, n, a, table = self.dimension, self.n_balls, self.periods - 1, self.contacts
         turn, stack = layering.turn, layering.stack
@@ -1255,8 +1258,11 @@ def name_kinds(kinds: Sequence[Ball], known: Mapping[Ball, str] | None = None) -
     return found
 
 
-def _require_room(balls: int) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` for a crystal that does not fit into memory."""
+def _require_room(cells: int, crystal: Crystal) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` for so many cells of a crystal that do not fit into memory."""
+    balls = cells * crystal.n_balls
+    needed = _BALL_BYTES * cells * (crystal.n_balls + crystal.n_contacts)
+    require_memory(f"crystals of {balls:,} balls", needed, "Take fewer cells")
     if balls > _MOST_BALLS:
         raise InputError(f"the crystal would have {balls:,} balls", mend=f"Make it of up to {_MOST_BALLS:,}")
 
