@@ -852,6 +852,8 @@ class Crystal(Result):
             elif one.edge == "free":
                 at = place[one.balls][place[one.balls] >= 0]
                 pressed[self.dimension * at + one.axis] -= one.sign * push / max(len(at), 1)
+        if not np.all(np.isfinite(force + pressed)):
+            raise FloatingPointError(f"the forces of {words} are not finite")
         return Push(force + pressed, held, given, stress, pressed, words, lifted)
 
     def _push_hydrostatic(self, pressure: float, field: Array | None, words: str) -> Push:
@@ -921,6 +923,8 @@ class Crystal(Result):
                 rounded *= max(1.0, float(np.mean(parts[loaded])) / goal)
             if abs(off) <= enough or (abs(off) <= rounded and abs(off) >= last):
                 return rest, push
+            if field is not None and off > 0.0 and abs(off - last) <= rounded * off:
+                break  # gravity alone presses more than is wanted, and less pressure changes nothing
             last = abs(off)
             low, high = (pressure, high) if off < 0.0 else (low, pressure)
             # overlaps go as a power of the pressure, f/(k delta), and so does the start of the next state
