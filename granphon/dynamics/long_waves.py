@@ -290,7 +290,7 @@ class LongWaves(Compatibility):
     def _invert(self, block: Array) -> Array:
         """Return the inverse of forms (..., n, n) of inner motions, zero for those that cost nothing."""
         if not self.slack:
-            return np.linalg.pinv(block, rcond=1e-13, hermitian=True)
+            return np.asarray(np.linalg.pinv(block, rcond=1e-13, hermitian=True))
         values, vectors = np.linalg.eigh(block)
         stiff = (values > 1e-13 * values[-1]) | (values < -self.slack * values[-1])
         inverse = np.divide(1.0, values, out=np.zeros_like(values), where=stiff)

@@ -335,11 +335,11 @@ class Phonons:
         b, d = self.lattice.n_branches, self._periods
         cost = costs.bands(q.size // d, b, eigenvectors, file=False)
         mend = "Give fewer npoints or segments, or eigenvectors=False"
-        require_memory(f"bands of {b:,} branches at {q.size // d:,} wave vectors", cost.working + cost.kept, mend)
         size = 16 * q.size // d * b * b
         if eigenvectors and size > MOST_BYTES:
             what = f"{b} eigenvectors at {q.size // d} wave vectors take {size / 2**30:.3g} GiB of memory"
             raise InputError(what, f"Bands of more than {MOST_BYTES >> 30} GiB are not made", mend)
+        require_memory(f"bands of {b:,} branches at {q.size // d:,} wave vectors", cost.working + cost.kept, mend)
         velocities, vectors = None, None
         if eigenvectors:
             modes = self.lattice.modes(q.reshape(-1, d), along)
