@@ -107,7 +107,7 @@ def no_locks(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
 @pytest.fixture
 def memory(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
     """Let the machine have so much memory, in B."""
-    return lambda amount: monkeypatch.setattr("granphon.media.cost.available_memory", lambda: amount)
+    return lambda amount: monkeypatch.setattr("granphon.base.memory.available_memory", lambda: amount)
 
 
 #: one neighbour: ball i, ball j, unit normal from i to j

@@ -26,11 +26,14 @@ from granphon.balls.material import Material
 from granphon.balls.packing import Packing, given_packing, require_shallow
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import ConvergenceError, InputError, brief
+from granphon.base.memory import require_memory
 from granphon.base.results import Result, read_only
 from granphon.base.validation import finite_array, positive, require, whole_number
 from granphon.dynamics.compatibility import GYRATION
 from granphon.networks.network import ContactNetwork
 
+#: memory of a ball with its contacts, bytes
+_BALL_BYTES = 700.0
 #: outward normals of the six walls
 _NORMALS = np.array([[math.cos(math.radians(angle)), math.sin(math.radians(angle))] for angle in range(30, 390, 60)])
 #: largest force left on a ball or a wall, over the mean contact force
@@ -190,6 +193,8 @@ class Hexagon:
         if n < 2:
             raise InputError("a hexagon of one ball has no contacts", mend="Give balls_per_side of 2 or more")
         self.seed = None if diameters is not None else whole_number("seed", seed, 0)
+        balls = 3 * n * (n - 1) + 1
+        require_memory(f"hexagons of {balls:,} balls", _BALL_BYTES * balls, "Give fewer balls_per_side")
         q = np.stack(np.meshgrid(np.arange(1 - n, n), np.arange(1 - n, n), indexing="ij"), axis=-1).reshape(-1, 2)
         self._cells = q[np.abs(q[:, 0] - q[:, 1]) < n]
         #: (3n(n - 1) + 1, 2) lattice sites, m

@@ -144,7 +144,7 @@ def _describe_blas() -> list[tuple[str, str]]:
 
 
 def _describe_memory() -> list[tuple[str, str]]:
-    from granphon.media.cost import available_memory
+    from granphon.base.memory import available_memory
 
     free = available_memory()
     return [("memory available", write_quantity(free, "B") if math.isfinite(free) else "the system does not tell")]

@@ -23,6 +23,7 @@ from granphon.balls.layers import find_axes
 from granphon.balls.motions import Motions, allowed_motions
 from granphon.base.arrays import Array, Complex
 from granphon.base.errors import InputError, InstabilityError
+from granphon.base.memory import require_memory
 from granphon.base.results import Result, read_only
 from granphon.base.threads import share_out, single_products
 from granphon.base.validation import not_negative, positive, real_array
@@ -204,6 +205,7 @@ class ContactLattice(LongWaves):
         Raises :class:`~granphon.base.errors.InstabilityError` if prestress makes a squared frequency negative.
         """
         q, _ = self._fold(wavevectors)
+        self._require_room(len(q), 1)
         values = np.concatenate(self._share_out(lambda part: self._solve(q[part]), len(q)))
         faint = _is_faint(q)
         if np.any(faint):
@@ -239,6 +241,7 @@ class ContactLattice(LongWaves):
         InstabilityError : prestress makes a squared frequency negative.
         """
         asked = as_wavevectors(wavevectors, self.periods)
+        self._require_room(len(asked), self.n_branches)
         if direction is not None:
             along = np.broadcast_to(as_direction(direction, self.periods), asked.shape)
         elif np.all(np.any(asked != 0.0, axis=1)):
@@ -247,6 +250,12 @@ class ContactLattice(LongWaves):
             raise InputError("modes at Gamma need a direction", "Group velocities there depend on it", "Give direction")
         parts = self._share_out(lambda part: self._find_modes(asked[part], along[part]), len(asked))
         return Modes(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+
+    def _require_room(self, points: int, numbers: int) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if so many numbers of each branch do not fit into memory."""
+        what = f"{self.n_branches:,} branches at {points:,} wave vectors"
+        needed = (16.0 if numbers == 1 else 48.0) * points * self.n_branches * numbers
+        require_memory(what, needed, "Take fewer wave vectors, or leave eigenvectors out")
 
     def _find_modes(self, asked: Array, along: Array) -> tuple[NDArray[Any], ...]:
         """Return what :class:`Modes` holds, at a few wave vectors."""

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granphon.base.arrays import Array, Index
+from granphon.base.memory import require_memory
 from granphon.base.progress import Progress, silent
 
 #: most balls that are not cut any more
@@ -25,6 +26,10 @@ _FEW_BALLS = 24
 _SOFT_PIVOT = 1e-8
 #: and below which it is rounding, with all of its couplings
 _NO_PIVOT = 1e-13
+
+
+#: memory of an entry of the factors, with those of fronts that are under way, bytes
+_FRONTS_BYTES = 24.0
 
 
 class Layer(NamedTuple):
@@ -97,6 +102,9 @@ class Fronts:
     """
 
     def __init__(self, matrix: Any, layers: list[Layer], count: int, progress: Progress = silent) -> None:
+        needed = max(1.0, _FRONTS_BYTES * count**2 * sum(map(_count_entries, layers)))
+        balls = f"{matrix.shape[0] // count:,} balls"
+        require_memory(f"factors of the contacts of {balls}", needed, "Take fewer balls, or a part of the network")
         self._fronts: list[_Front] = []
         places = np.full(matrix.shape[0], -1)
         left: list[Index] = []
@@ -171,6 +179,11 @@ class Fronts:
             own = -(front.below.T @ moved[:, some])
             found[front.own[:, None], some] = solve_triangular(front.lower, own, lower=True, trans="T", check_finite=False)
         return found
+
+
+def _count_entries(layer: Layer) -> int:
+    """Return the number of pairs of balls in the factors of a layer."""
+    return layer.balls.size * (layer.balls.size + layer.beyond.size)
 
 
 def _factorise(matrix: Array) -> tuple[Array, Index, int]:

@@ -16,11 +16,8 @@ Python's tracemalloc counts them) is right within a factor of about two, time wi
 from __future__ import annotations
 
 import math
-import os
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
 from time import process_time
 
 import numpy as np
@@ -28,7 +25,6 @@ import numpy as np
 from granphon.array.equilibrium import equilibrate
 from granphon.array.geometry import ReducedLoad
 from granphon.array.history import START_SPACING
-from granphon.array.preconditioners import MOST_BALLS
 from granphon.balls.diameters import uniform_numbers
 from granphon.balls.loads import Load
 from granphon.balls.packing import Packing
@@ -38,6 +34,7 @@ from granphon.dynamics.linalg import MANY_COLUMNS
 from granphon.media.left_out import estimate_reduced_force, find_spacing
 from granphon.media.loading import reduce_load
 from granphon.media.medium import AveragedLattice
+from granphon.media.sample_memory import LEAST_FORCE, estimate_memory
 from granphon.media.simulation import DirectSimulation
 
 #: longest time that a run may be estimated to take on one processor, s: a hundred processors would need a hundred days
@@ -46,18 +43,6 @@ MOST_SECONDS = 10_000 * 86400.0
 _SLOWEST = 1e-3
 #: memory of Python and the libraries that the run of a scene loads, and one with a motion, which loads Numba, bytes
 _PYTHON_BYTES, _NUMBA_BYTES = 145e6, 270e6
-#: bytes for each ball while a sample without rotations is worked on, with one, two and three periods, besides those of the
-#: lattice's Green's function
-_BALL_BYTES = {1: 230.0, 2: 450.0, 3: 600.0}
-#: bytes for each ball while a linear response with rotations is worked on, besides the same
-_ROTATING_BALL_BYTES = {2: 500.0, 3: 900.0}
-#: bytes for each ball while the Green's function is made, over n m^2, with n balls in the cell and m motions of a ball
-_GREEN_BYTES = 50.0
-#: f* below which contacts are factorised
-_FACTOR_FORCE = 0.015
-#: bytes for each ball that this takes more, without rotations and with them
-_FACTOR_BYTES = 2100.0
-_ROTATING_FACTOR_BYTES = 4900.0
 #: times of a step of a motion and of each deformation of a contact in it, s; of a frame, and of each contact in it
 _MOTION_TIMES, _FRAME_TIMES = (3e-5, 1.2e-8), (4e-4, 1e-6)
 #: times of a step with contacts that turn, and of each contact in it
@@ -66,15 +51,6 @@ _TURNING_TIMES = 6e-5, 8e-8
 _MOTION_DAMPED, _IMPLICIT = 1.6, 8.0
 #: bytes for each contact of a motion, and copies of what is kept
 _MOTION_CONTACT_BYTES, _MOTION_COPIES = 1300.0, 3.0
-#: bytes for each ball of a further sample that is kept
-_SAMPLE_BYTES = 8.0
-#: bytes for each ball of the place where the operator of a further sample works, with one, two and three periods, and the
-#: most bytes of it
-_WORKSPACE_BYTES, _MOST_WORKSPACE = {1: 25.0, 2: 65.0, 3: 130.0}, 2.3e6
-#: bytes for each ball of a further equilibrium that is kept: a displacement along each period
-_EQUILIBRIUM_BYTES = {1: 9.0, 2: 17.0, 3: 25.0}
-#: least f* of an estimate
-_LEAST_FORCE = 5e-5
 #: time of a state per ball, its equilibrium and its linear response, over that of the equilibrium of the small sample: with
 #: one, two and three periods, without rotations and with them
 _STATE_TIME = {1: (0.5, 0.5), 2: (1.9, 2.25), 3: (4.5, 8.0)}
@@ -108,10 +84,6 @@ _FEW_LOADED_BALLS = 2300.0
 _EXACT_ITERATION_TIME = 3.0
 #: least mu above zero, and least tolerance of steps, that were counted: below them an estimate is a lower bound
 _LEAST_FRICTION, _LEAST_TOLERANCE = 0.02, 1e-5
-#: bytes for each ball while a path is worked on, with two and three periods
-_HISTORY_BYTES = {2: 2000.0, 3: 5000.0}
-#: bytes for each ball of each state of a path that is kept
-_HISTORY_STATE_BYTES = {2: 60.0, 3: 150.0}
 #: balls along the sides of the small sample
 _SMALL_SHAPE = (96, 96)
 #: a* of the small sample, and its f*
@@ -226,59 +198,6 @@ def _write_digits(value: float) -> str:
     return f"{value:.2g}" if value < 100.0 else f"{float(f'{value:.2g}'):,.0f}"
 
 
-# -- what the machine has -------------------------------------------------------------------------------------------
-
-
-#: for both versions of control groups, by the name of the controller: the folder, the files of the limit and of the use, and
-#: the entry of memory.stat with the cache that can be given back
-_GROUPS = {
-    "memory": ("sys/fs/cgroup/memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
-    "": ("sys/fs/cgroup", "memory.max", "memory.current", "inactive_file"),
-}
-
-
-def available_memory(root: Path = Path("/")) -> float:
-    """Return the memory that this process may still take, bytes; infinite if the system does not report it.
-
-    On Linux it is the least of the memory that the kernel reports as available and of what is left of the limits of the
-    process's control group and the groups above it. Elsewhere it is the free memory, or failing that the total memory.
-    ``root`` is the folder of the system's files.
-    """
-
-    def read(path: Path) -> list[list[str]]:
-        """Read the words of each line."""
-        with suppress(OSError):
-            return [line.split() for line in path.read_text(encoding="ascii", errors="replace").split("\n")]
-        return []
-
-    def read_number(path: Path, name: str = "") -> float | None:
-        """Read the number after a name, or alone in a file; None if there is none ("max")."""
-        found = next((words[-1 - (len(words) > 2)] for words in read(path) if words and name in ("", words[0])), "")
-        return float(found) if found.isdigit() else None
-
-    free, known = read_number(root / "proc/meminfo", "MemAvailable:"), getattr(os, "sysconf_names", ())
-    pages = next((name for name in ("SC_AVPHYS_PAGES", "SC_PHYS_PAGES") if name in known), None)
-    left = math.inf
-    if free is not None:
-        left = free * 1024.0
-    elif pages is not None and "SC_PAGE_SIZE" in known:
-        left = float(os.sysconf(pages)) * float(os.sysconf("SC_PAGE_SIZE"))
-    for words in read(root / "proc/self/cgroup"):
-        _, _, rest = " ".join(words).partition(":")
-        controllers, _, path = rest.partition(":")
-        kind = "memory" if "memory" in controllers.split(",") else controllers
-        if kind not in _GROUPS:
-            continue
-        place, limit, use, cache = _GROUPS[kind]
-        group = Path(path.lstrip("/"))
-        for folder in (group, *group.parents):  # limits of groups above count too; in a container some may be missing
-            here = root / place / folder
-            most, taken = read_number(here / limit), read_number(here / use)
-            if most is not None and taken is not None:
-                left = min(left, max(most - taken + (read_number(here / "memory.stat", cache) or 0.0), 0.0))
-    return left
-
-
 # -- simulations ----------------------------------------------------------------------------------------------------
 
 
@@ -295,20 +214,13 @@ def estimate(simulation: DirectSimulation, load: Load, exponents: bool = False) 
     balls, count, history = simulation.balls, load.size * simulation.samples, simulation.history
     packing, structure = simulation.packing, simulation.packing.structure
     turning, periods = packing.ball_motions.rotate, structure.periods
-    motions = packing.ball_motions.count if turning else periods
-    green = _GREEN_BYTES * structure.n_balls * motions**2
-    kept = _SAMPLE_BYTES * (simulation.samples - 1) + _EQUILIBRIUM_BYTES[periods] * (count - 1)
-    memory = balls * ((_ROTATING_BALL_BYTES if turning else _BALL_BYTES)[periods] + green + kept)
-    memory += (simulation.samples - 1) * min(_WORKSPACE_BYTES[periods] * balls, _MOST_WORKSPACE)
+    memory = estimate_memory(packing, balls, simulation.samples, load, history.is_loaded)
     if not packing.width:
         return Cost(memory, work=0.1 * balls * count, balls=balls, equilibria=count)
-    force = np.maximum(estimate_reduced_force(packing, load.applied), _LEAST_FORCE)
-    if periods > 1 and np.any(force < _FACTOR_FORCE) and balls <= MOST_BALLS[periods - 1]:
-        memory += balls * (_ROTATING_FACTOR_BYTES if turning else _FACTOR_BYTES)
+    force = np.maximum(estimate_reduced_force(packing, load.applied), LEAST_FORCE)
     exponents, mu = exponents and packing.spread_matters, history.friction_coefficient or 0.0
     state = _STATE_TIME[periods][turning] * (1.0 + _FEW_BALLS / balls) / (1.0 + _FEW_BALLS / math.prod(_SMALL_SHAPE))
     if history.is_loaded:
-        memory += balls * (_HISTORY_BYTES[periods] + count * _HISTORY_STATE_BYTES[periods])
         reduced, start = np.ravel(reduce_load(packing, load.applied)), history.reduce_start(packing, simulation.is_exact)
         path = reduced if load.kind == "overlap" else find_spacing(packing, reduced)
         path = path if history.ordered else np.sort(path)
@@ -339,7 +251,7 @@ def estimate(simulation: DirectSimulation, load: Load, exponents: bool = False) 
 def find_typical_force(packing: Packing, load: Load) -> Array:
     """Return the mean contact force (n,), N, at each value of an applied load, about: no array is simulated."""
     if packing.width:
-        reduced = np.maximum(estimate_reduced_force(packing, load.applied), _LEAST_FORCE)
+        reduced = np.maximum(estimate_reduced_force(packing, load.applied), LEAST_FORCE)
         return np.asarray(reduced * packing.width_units.force)
     return np.ravel(AveragedLattice(packing).at(load.applied).force)
 
@@ -432,6 +344,11 @@ def array_waves(
     return Cost(working=memory, known=7e-9 * products * balls * rows + _READING_TIME * readings, parts=(what,))
 
 
+def motion_memory(balls: int, contacts: int, frames: int) -> float:
+    """Return the memory, bytes, of a motion of so many ``balls`` and ``contacts``, kept at so many times."""
+    return 8.0 * frames * (15.0 * balls + 2.0 * contacts) * _MOTION_COPIES + _MOTION_CONTACT_BYTES * contacts
+
+
 def motion(
     steps: float, rows: int, balls: int, contacts: int, frames: int, damped: bool, turning: bool, implicit: bool
 ) -> Cost:  # fmt: skip
@@ -443,7 +360,7 @@ def motion(
     """
     alone, each = _TURNING_TIMES if turning else (_MOTION_TIMES[0], _MOTION_TIMES[1] * rows)
     step = (alone + each * contacts) * (_MOTION_DAMPED if damped else 1.0) * (_IMPLICIT if implicit else 1.0)
-    memory = 8.0 * frames * (15.0 * balls + 2.0 * contacts) * _MOTION_COPIES + _MOTION_CONTACT_BYTES * contacts
+    memory = motion_memory(balls, contacts, frames)
     known = steps * step + frames * (_FRAME_TIMES[0] + _FRAME_TIMES[1] * contacts)
     return Cost(memory, known=known, parts=(f"motion of {balls:,} balls in {steps:,.0f} steps",), libraries=_NUMBA_BYTES)
 

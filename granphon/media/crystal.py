@@ -34,6 +34,7 @@ from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.balls.packing import read_rolling, require_shallow
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, brief
+from granphon.base.memory import require_memory
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units
 from granphon.base.text import counted
@@ -48,6 +49,8 @@ from granphon.networks.network import ContactNetwork
 _MOST_CELLS = 1_000_000
 #: most balls of a crystal: its contacts are held in memory, about 1 kB a ball
 _MOST_BALLS = 10_000_000
+#: memory of a ball, or of a contact, while a crystal is made and checked, bytes
+_BALL_BYTES = 550.0
 #: the arrays of a state, in the order of its fields
 _PER_LOAD = ("normal_force", "overlap", "normal_stiffness", "normal", "displacements", "stress", "strain", "ways")
 #: relative error at which a mean force or overlap is reached, and most states on the way to it
@@ -328,7 +331,7 @@ class Crystal(Result):
         if not self.periods:
             raise InputError(f"crystal {self.name!r} has no period along which it could be repeated", mend="Give its cell")
         full = require("shape", lambda value: lengths(value, 1, _MOST_CELLS, self.periods), shape)
-        _require_room(math.prod(full) * self.n_balls)
+        _require_room(math.prod(full), self)
         table, n = self.contacts, self.n_balls
         cells, *ends = repeat_contacts(table.i, table.j, table.shift, n, tuple(full))
         origin, rows = np.tile(np.arange(n), len(cells)), np.tile(np.arange(len(table)), len(cells))
@@ -454,7 +457,7 @@ class Crystal(Result):
         Raises :class:`~granphon.base.errors.InputError` for an axis that is no period, and if layers do not hang together.
         """
         count = whole_number("layers", layers, 1, _MOST_CELLS)
-        _require_room(count * self.n_balls)
+        _require_room(count, self)
         words, layering = require("edges", read_edges, edges), Layers.across(axis, self.cell)
         d, n, a, table = self.dimension, self.n_balls, self.periods - 1, self.contacts
         turn, stack = layering.turn, layering.stack
@@ -881,6 +884,8 @@ class Crystal(Result):
             elif one.edge == "free":
                 at = place[one.balls][place[one.balls] >= 0]
                 pressed[self.dimension * at + one.axis] -= one.sign * push / max(len(at), 1)
+        if not np.all(np.isfinite(force + pressed)):
+            raise FloatingPointError(f"the forces of {words} are not finite")
         return Push(force + pressed, held, given, stress, pressed, words, lifted)
 
     def _push_hydrostatic(self, pressure: float, field: Array | None, words: str) -> Push:
@@ -950,6 +955,8 @@ class Crystal(Result):
                 rounded *= max(1.0, float(np.mean(parts[loaded])) / goal)
             if abs(off) <= enough or (abs(off) <= rounded and abs(off) >= last):
                 return rest, push
+            if field is not None and off > 0.0 and abs(off - last) <= rounded * off:
+                break  # gravity alone presses more than is wanted, and less pressure changes nothing
             last = abs(off)
             low, high = (pressure, high) if off < 0.0 else (low, pressure)
             # overlaps go as a power of the pressure, f/(k delta), and so does the start of the next state
@@ -1295,8 +1302,11 @@ def name_kinds(kinds: Sequence[Ball], known: Mapping[Ball, str] | None = None) -
     return found
 
 
-def _require_room(balls: int) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` for a crystal that does not fit into memory."""
+def _require_room(cells: int, crystal: Crystal) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` for so many cells of a crystal that do not fit into memory."""
+    balls = cells * crystal.n_balls
+    needed = _BALL_BYTES * cells * (crystal.n_balls + crystal.n_contacts)
+    require_memory(f"crystals of {balls:,} balls", needed, "Take fewer cells")
     if balls > _MOST_BALLS:
         raise InputError(f"the crystal would have {balls:,} balls", mend=f"Make it of up to {_MOST_BALLS:,}")
 

@@ -31,6 +31,7 @@ from granphon.balls.motions import Motions, allowed_motions
 from granphon.balls.packing import Packing, given_packing
 from granphon.base.arrays import Array
 from granphon.base.errors import GranphonError, InputError, MechanismError, brief
+from granphon.base.memory import require_memory
 from granphon.base.progress import Progress, silent
 from granphon.base.results import read_only
 from granphon.base.threads import naming_lost_workers
@@ -57,6 +58,7 @@ from granphon.media.loading import (
     require_load,
 )
 from granphon.media.medium import Medium, Option
+from granphon.media.sample_memory import estimate_memory
 from granphon.media.state import ContactState, read_finite_overlap
 
 #: the largest seed of a sample
@@ -793,6 +795,7 @@ class DirectSimulation(Medium[SimulatedState]):
             why = "Balls that have their true geometry overlap as much as they do"
             raise InputError("the exact geometry has finite overlap", why, "Leave finite_overlap out")
         prescribed = self.prescribed(load)
+        self._require_memory(load)
         if self.history.is_loaded:
             return self._press(load, prescribed)
         given = self.packing.structure, prescribed, self.workers, self.ratio
@@ -841,6 +844,7 @@ class DirectSimulation(Medium[SimulatedState]):
         elif kinds := [kind for kind, values in given.items() if values is not None]:
             raise InputError(f"the loads of a path are given as a Load and as {' and '.join(kinds)}", mend="Give one")
         load = load.applied
+        self._require_memory(load)
         simulation = replace(self, ordered=True)
         return simulation._press(load, simulation.prescribed(load), progress)
 
@@ -869,6 +873,12 @@ class DirectSimulation(Medium[SimulatedState]):
         if reached:
             error.reached = SimulatedState.of(self, every, load.flat[[order[place] for place in places]])
         raise error
+
+    def _require_memory(self, load: Load) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if the samples do not fit into the memory of this machine."""
+        needed = estimate_memory(self.packing, self.balls, self.samples, load, self.history.is_loaded)
+        what = f"samples of {self.balls:,} balls"
+        require_memory(what, needed, "Take fewer balls (shape), samples or loads")
 
     def _loaded_sample(self, index: int) -> LoadedSample:
         """Return one of the samples, as it is loaded with friction."""

@@ -6,6 +6,7 @@ elements. It need not have any order. Waves in it are found by :class:`granphon.
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -25,6 +26,7 @@ from granphon.balls.material import Material
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import GranphonError, InputError, brief
+from granphon.base.memory import require_memory
 from granphon.base.registry import Registry
 from granphon.base.results import Result, read_only
 from granphon.base.scales import Units
@@ -66,6 +68,8 @@ _ALONG = 1e-2
 _BALANCED = 1e-3
 #: difference of the radii of balls that name no kind, over their mean, below which they are of one
 _ALIKE = 0.25
+#: memory, over that of the arrays, that it takes to repeat or to cut a network, and to check it
+_COPIES = 4.5
 #: most cells along a period
 MOST_CELLS = 1_000_000
 
@@ -516,6 +520,7 @@ class ContactNetwork(Result):
         if not axes:
             raise InputError("this network has no period along which it could be repeated", mend="Give its cell and pbc")
         shape = require("shape", partial(lengths, low=1, high=MOST_CELLS, periods=len(axes)), shape)
+        self._require_memory(math.prod(shape))
         full = np.ones(3, int)
         full[axes] = shape
         cells, i, j, shift = repeat_contacts(self.i, self.j, self.shift, self.n_balls, tuple(full.tolist()))
@@ -533,6 +538,12 @@ class ContactNetwork(Result):
             # balls of many arrays side by side are not in the order of the cells of one
             **({"shape": shape} if self.lattice and max(self.shape or (1,)) == 1 else {"lattice": None, "shape": None}),
         )  # fmt: skip
+
+    def _require_memory(self, count: int) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if so many cells of this network do not fit into memory."""
+        arrays = [getattr(self, name) for name in self._shapes]
+        size = sum(one.nbytes for one in arrays if isinstance(one, np.ndarray))
+        require_memory(f"networks of {count * self.n_balls:,} balls", _COPIES * count * size, "Take fewer cells")
 
     def layers_across(self, axis: Any) -> Layers:
         """Return the layers of the network across an axis, as for :meth:`cut`; raises its error for another axis."""
@@ -566,6 +577,7 @@ class ContactNetwork(Result):
         moves, and for a floor if materials are not known or no force presses a ball on it.
         """
         count, words = whole_number("layers", layers, 1, MOST_CELLS), require("edges", read_edges, edges)
+        self._require_memory(count)
         periods, n, d = np.flatnonzero(self.pbc), self.n_balls, self.dimension
         cut, stack = self.layers_across(axis), np.zeros(3)
         turn, p, stack[:d] = np.eye(3), len(cut.cell), cut.stack

@@ -35,6 +35,7 @@ from granphon.balls.motions import ALL, IN_PLANE, LONGITUDINAL, OUT_OF_PLANE, al
 from granphon.balls.packing import MINDLIN
 from granphon.base.arrays import Array, Flags, Index
 from granphon.base.errors import InputError, PrecisionError, brief
+from granphon.base.memory import require_memory
 from granphon.base.results import read_only
 from granphon.base.scales import Units
 from granphon.base.validation import is_one_of, one_of
@@ -682,6 +683,8 @@ class HertzMindlin(ContactCalculator):
             sparse.sum_duplicates()
             kept = (size * np.arange(n)[:, None] + slots).ravel()
             return sparse if slots == list(range(size)) else sparse[kept][:, kept]
+        what = f"dense force constants of {n:,} balls"
+        require_memory(what, 16.0 * (size * n) ** 2, 'Take fewer balls, or format="csr"')
         dense = np.zeros((size * n, size * n))
         np.add.at(dense, (first, second), blocks.ravel())
         return dense.reshape(n, size, n, size).transpose(0, 2, 1, 3)[:, :, slots][..., slots]

@@ -16,12 +16,15 @@ from numpy.typing import ArrayLike
 from granphon.balls.lattices import Lattice
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, Refused, brief, needing
+from granphon.base.memory import require_memory
 from granphon.base.quantities import NUMBER
 from granphon.base.text import closest, counted, show
 from granphon.base.validation import fraction, real_array, require, texts, whole_number
 from granphon.dynamics.compatibility import require_digits
 from granphon.dynamics.zone_quadrature import shortest_vectors
 
+#: memory of a wave vector of a path, bytes
+_POINT_BYTES = 100.0
 #: the pieces of a path, each a tuple of points of three numbers
 Pieces = tuple[tuple[tuple[float, float, float], ...], ...]
 #: greatest number of points or cells that an argument may ask for; a larger one is a mistake
@@ -162,6 +165,8 @@ def interpolate_path(
     if len(said) != corner_count:
         mend = "Give one for each corner"
         raise InputError(f"{counted(len(said), 'label')} for {counted(corner_count, 'corner')} of the path", mend=mend)
+    points = sum(len(piece) - 1 for piece in pieces) * count
+    require_memory(f"paths of {points:,} wave vectors", _POINT_BYTES * points, "Give fewer npoints")
     segments: list[Array] = []
     ticks: list[str] = []
     for piece in pieces:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.balls.contact_table import touch_once_at_most
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, PrecisionError, brief, needing
+from granphon.base.memory import require_memory
 from granphon.base.scales import Units
 from granphon.base.text import counted
 from granphon.base.validation import frequency_array, grid_numbers, one_of, positive, real_array, whole_number
@@ -44,6 +45,8 @@ if TYPE_CHECKING:
 _FEW_BALLS = 16
 #: greatest number of points of a mesh: phonopy's tables of more do not fit into memory
 _MOST_MESH_POINTS = 1e9
+#: memory of a frequency of a density of states, bytes
+_DENSITY_BYTES = 100.0
 #: number of mesh points whose eigenvectors are held in memory at a time
 _MESH_POINTS = 4096
 #: and the number of their components
@@ -158,12 +161,21 @@ class Phonons:
                 what, least = (" x ".join(map(str, numbers)) for numbers in (dim, self._choose_dim(None)))
                 why = "Two balls would touch through more than one image, and their contacts could not be told apart"
                 raise InputError(f"a supercell of {what} cells is too small", why, f"Use at least {least}")
+            needed = costs.force_constants(dim, len(self.atoms)).working
+            what = f"force constants of a supercell of {' x '.join(map(str, dim))} cells"
+            require_memory(what, needed, "Take a smaller dim")
             return dim
         numbers, lengths = [1] * p, np.linalg.norm(cell, axis=1)
         while not touch_once_at_most(cell, tuple(numbers), contact):
             # lengthen the shortest side, so that the sides stay about equal
             numbers[int(np.argmin(numbers * lengths))] += 1
         return (max(numbers),) * p if len(self.atoms) == 1 and np.all(periodic) else tuple(numbers)
+
+    def _require_mesh(self, numbers: tuple[int, ...]) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if modes on a mesh do not fit into the memory of this machine."""
+        cost = costs.density_of_states(numbers, self.lattice.n_branches)
+        what = f"modes on a mesh of {' x '.join(map(str, numbers))} wave vectors"
+        require_memory(what, cost.working + cost.kept, "Take fewer wave vectors (mesh)")
 
     def _require_own_cell(self, *names: str) -> None:
         """Raise InputError unless contacts, in their order, and attributes of the lattice of these names are the state's."""
@@ -321,11 +333,13 @@ class Phonons:
         along = np.repeat(q[:, -1] - q[:, 0], p, axis=0)
         along[p - 1 :: p] *= -1.0  # at the last point of a segment the limit is taken from inside the segment
         b, d = self.lattice.n_branches, self._periods
+        cost = costs.bands(q.size // d, b, eigenvectors, file=False)
+        mend = "Give fewer npoints or segments, or eigenvectors=False"
         size = 16 * q.size // d * b * b
         if eigenvectors and size > MOST_BYTES:
             what = f"{b} eigenvectors at {q.size // d} wave vectors take {size / 2**30:.3g} GiB of memory"
-            mend = "Give fewer npoints or segments, or eigenvectors=False"
             raise InputError(what, f"Bands of more than {MOST_BYTES >> 30} GiB are not made", mend)
+        require_memory(f"bands of {b:,} branches at {q.size // d:,} wave vectors", cost.working + cost.kept, mend)
         velocities, vectors = None, None
         if eigenvectors:
             modes = self.lattice.modes(q.reshape(-1, d), along)
@@ -414,6 +428,8 @@ class Phonons:
         if np.prod(numbers, dtype=float) > _MOST_MESH_POINTS:
             what = f"a mesh of {' x '.join(map(str, numbers))} wave vectors is too large"
             raise InputError(what, mend=f"Take {_MOST_MESH_POINTS:.0e} at most in all")
+        self._require_mesh(numbers)
+        require_memory(f"densities of states at {count:,} points", _DENSITY_BYTES * count, "Give fewer points")
         grid = self._make_mesh(numbers)
         q = self.lattice.wavevectors(grid.qpoints)
         # any direction will do: the rotational fractions of degenerate modes have the same sum
@@ -472,6 +488,7 @@ class Phonons:
         finer = (n / 4.0) ** (1.0 / p) if n > _FEW_BALLS else 1.0
         given = [max(2, round(one / finer)) for one in _GAP_MESHES[p - 1]] if mesh is None else mesh
         numbers = grid_numbers("mesh", given, 1, LARGEST_COUNT, " ".join(map(str, _pad((48,) * p))), p)
+        self._require_mesh(numbers)
         axes = [np.arange(number) / number for number in numbers]
         axes[0] = axes[0][: numbers[0] // 2 + 1]  # q and -q have the same frequencies
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, p)

@@ -16,6 +16,7 @@ from granphon.balls.lattices import one_direction
 from granphon.balls.layers import EDGES
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import GranphonError, InputError
+from granphon.base.memory import require_memory
 from granphon.base.results import Result
 from granphon.base.staging import write_text
 from granphon.base.tables import Heading, table_text
@@ -25,6 +26,10 @@ from granphon.media.state import State
 from granphon.networks.network import given_network
 from granphon.phonons.paths import default_letters, interpolate_path, special_points
 
+#: memory of a spectrum at one q and frequency over the square of the motions of a block, bytes
+_SPECTRUM_BYTES = 320.0
+#: frequencies at which poles are sought at one q, about
+_POLES = 30
 #: angular frequency, over the highest, that stands for zero in a spectrum: its limit
 _ZERO = 1e-7
 #: number of frequencies of a map
@@ -202,6 +207,7 @@ class Surface:
         if damping is None and at.size < 2:
             raise InputError("one frequency has no step", mend="Give damping in Hz")
         width = positive("damping", np.max(np.abs(np.diff(at))) if damping is None else damping, "Hz")
+        self._require_memory(len(points), at.size)
         omega = np.maximum(at / unit, _ZERO * np.sqrt(half.highest))
         w, n, f = omega * (omega + 1j * width / unit), len(points), len(at)
         green = np.linalg.inv(half.inverse_green(fractions, np.repeat(np.arange(n), f), np.tile(w, n)))
@@ -223,6 +229,7 @@ class Surface:
         damping, leaky : as in :meth:`spectrum` and :meth:`branches`.
         """
         q, distances, corners, labels = self.path(npoints)
+        self._require_memory(len(q), _ROWS if frequencies is None else np.size(frequencies))
         top = _ABOVE * float(np.sqrt(np.max(self.half_space.bands(self._read(q)[0])))) * self._frequency
         found = self.spectrum(q, np.linspace(0.0, top, _ROWS) if frequencies is None else frequencies, damping)
         waves = self.along_path(npoints) if leaky is False else self.branches(q, leaky)
@@ -238,6 +245,7 @@ class Surface:
         of the zone lose digits.
         """
         (fractions, points), unit = self._read(q), self._frequency
+        self._require_memory(len(points), _POLES)
         found = [self.half_space.find_waves(fractions)]
         if require("leaky", truth, leaky):
             found.append(self.half_space.find_leaky_waves(fractions))
@@ -248,6 +256,12 @@ class Surface:
         order = np.lexsort((roots.real, place))
         widths = np.maximum(-2.0 * roots.imag, 0.0)
         return SurfaceBranches(points, place[order], roots.real[order], widths[order], weight[order])
+
+    def _require_memory(self, points: int, frequencies: int) -> None:
+        """Raise :class:`~granphon.base.errors.InputError` if spectra at so many q and frequencies do not fit into memory."""
+        what = f"spectra at {points:,} wave vectors and {frequencies:,} frequencies"
+        needed = _SPECTRUM_BYTES * self.half_space.size**2 * points * float(frequencies)
+        require_memory(what, needed, "Take fewer wave vectors (npoints), or frequencies")
 
     def along_path(self, npoints: int) -> SurfaceBranches:
         """Return :meth:`branches` along :meth:`path`, which are kept: a figure and a data set need the same."""

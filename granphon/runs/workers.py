@@ -30,9 +30,9 @@ from multiprocessing.connection import wait
 from typing import Any, cast
 
 from granphon.base.errors import GranphonError, InputError, require_installed
+from granphon.base.memory import available_memory
 from granphon.base.text import versions
 from granphon.base.threads import hold_back_signals
-from granphon.media.cost import available_memory
 from granphon.runs import MOST_WORKERS
 
 #: time in which a scheduler must answer, s; and the longest time that closing the connection may take

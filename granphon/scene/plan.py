@@ -20,6 +20,7 @@ from granphon.balls.lattices import TRIANGULAR
 from granphon.balls.layers import Layers
 from granphon.balls.loads import Load
 from granphon.balls.packing import Axis, Packing, change_packing, count_combinations, find_unit
+from granphon.base import memory
 from granphon.base.errors import GranphonError, InputError, MechanismError, Refused
 from granphon.base.progress import Progress, silent
 from granphon.base.quantities import LENGTH, find_load_unit
@@ -533,7 +534,7 @@ class Plan:
         """
         parts = [part for part in self.parts if part[2].tells]
         total = sum((cost for _, _, cost in parts), Cost())
-        free, most = costs.available_memory(), costs.MOST_SECONDS
+        free, most = memory.available_memory(), costs.MOST_SECONDS
         if total.memory > free:
             limit, of = f"this machine has {free / 1e9:.3g} GB of memory available", "memory"
         elif total.takes_longer(most):

@@ -42,10 +42,12 @@ from granphon.balls.hertz import HertzLaw
 from granphon.base.arrays import Array, Index
 from granphon.base.compiled import UNCOMPILED
 from granphon.base.errors import InputError, LimitWarning, StoppedEarlyWarning, brief
+from granphon.base.memory import require_memory
 from granphon.base.progress import Progress, silent
 from granphon.base.threads import single_products
 from granphon.base.validation import index_array, not_negative, one_of, positive, real_array, real_number, whole_number
 from granphon.dynamics.damping import ContactDamping
+from granphon.media.cost import motion_memory
 from granphon.media.crystal import Crystal, CrystalState
 from granphon.media.crystal_statics import Springs
 from granphon.media.limits import check_limit
@@ -293,6 +295,9 @@ class NonlinearWaves:
         """
         length, count = positive("duration", duration, "s"), whole_number("frames", frames, 2, _MOST_STEPS)
         one_of("scheme", scheme, SCHEMES)
+        needed = motion_memory(self.network.n_balls, self.network.n_contacts, count)
+        what = f"{count:,} frames of a motion of {self.network.n_balls:,} balls"
+        require_memory(what, needed, "Give fewer frames")
         if UNCOMPILED:
             warnings.warn(UNCOMPILED, stacklevel=2)
         if positions is not None:

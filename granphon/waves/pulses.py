@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.arrays import Array, Index
 from granphon.base.errors import InputError, InstabilityError, UnreachableFrequencyError, brief, message
+from granphon.base.memory import require_memory
 from granphon.base.results import Result, read_only
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
@@ -920,6 +921,9 @@ def transmit(network: ContactNetwork, wanted: PulseSource, operator: WaveOperato
     axes, root, receivers = list(operator.motions.translations), 1.0 / np.sqrt(course.network.masses), np.concatenate(groups)
     e, forces = push[axes], operator.push(sources, push, root[sources])
     heard = operator.places[receivers, : e.size]
+    what = f"{len(route.frames):,} frames of {network.n_balls:,} balls"
+    needed = 8.0 * len(route.frames) * (3.0 * network.n_balls + 2.0 * operator.size)
+    require_memory(what, needed, "Give fewer frames")
     propagation = (
         Propagation(operator, forces, burst, route.last, tau) if even
         else ViscousPropagation(operator, forces, burst, damped)

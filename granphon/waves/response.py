@@ -50,6 +50,7 @@ from numpy.typing import ArrayLike, NDArray
 from granphon.array.sparse_matrices import estimate_factors, factorise, share_places
 from granphon.base.arrays import Array, Complex, Index
 from granphon.base.errors import ConvergenceError, InputError, brief
+from granphon.base.memory import require_memory
 from granphon.base.results import Result
 from granphon.base.scales import write_quantity
 from granphon.base.text import counted
@@ -61,6 +62,8 @@ from granphon.waves.modes import PIVOT
 from granphon.waves.operator import WaveOperator
 from granphon.waves.pulses import Course, read_push, read_vector, require_moves
 
+#: memory of the response of a ball at one frequency, bytes
+_RESPONSE_BYTES = 100.0
 #: what may be asked for, and its unit
 QUANTITIES = {"displacement": "m/N", "velocity": "m/(N s)", "transmissibility": "1"}
 #: ways to solve
@@ -352,6 +355,8 @@ def find_response(
             values = values * (2j * math.pi * at)[:, None]
         return values, error, factored, steps
 
+    what = f"responses of {len(receivers):,} balls at {hertz.size:,} frequencies"
+    require_memory(what, _RESPONSE_BYTES * hertz.size * (1.0 + len(receivers)), "Take fewer frequencies")
     values, error, factored, steps = solve(hertz)
     warnings = damped.find_warnings(float(np.max(hertz)))
     unsure = np.flatnonzero(error > _UNSURE)

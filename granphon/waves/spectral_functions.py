@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, PrecisionError, brief
+from granphon.base.memory import require_memory
 from granphon.base.validation import finite_array, finite_list, one_of, positive
 from granphon.dynamics.zone_quadrature import shortest_vectors
 from granphon.networks.network import ContactNetwork
@@ -495,6 +496,8 @@ class PlaneWaves:
     def find(self, moments: int) -> SpectralFunction:
         """Return the spectral function of this number of moments."""
         kernel = Kernel(self._operator.top / (2.0 * math.pi), moments)
+        what = f"spectra of {moments:,} moments at {len(self._q):,} wave vectors"
+        require_memory(what, 40.0 * len(self._q) * float(moments), "Take fewer wave vectors, or a coarser resolution")
         found = np.zeros((len(self._q), moments))
         for n, wave in self._waves:
             found[n] += wave.first(moments)

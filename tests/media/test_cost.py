@@ -12,6 +12,7 @@ import pytest
 
 import granphon as gp
 from granphon.balls.loads import Load
+from granphon.base.memory import available_memory
 from granphon.media import cost
 from granphon.media.cost import estimate
 from granphon.media.left_out import estimate_reduced_force
@@ -182,7 +183,7 @@ def test_what_is_available_is_the_least_of_the_machines_and_the_groups(tmp_path,
     for name, text in files.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(text)
-    assert cost.available_memory(tmp_path) == available
+    assert available_memory(tmp_path) == available
 
 
 @pytest.mark.parametrize(
@@ -198,7 +199,7 @@ def test_without_the_files_of_linux_the_system_is_asked(tmp_path, monkeypatch, n
     monkeypatch.setattr(
         "os.sysconf", {"SC_AVPHYS_PAGES": 100, "SC_PHYS_PAGES": 200, "SC_PAGE_SIZE": 4096}.__getitem__, raising=False
     )
-    assert cost.available_memory(tmp_path) == available
+    assert available_memory(tmp_path) == available
 
 
 # -- spectra and sweeps --------------------------------------------------------------------------------------------------

@@ -20,6 +20,7 @@ from scipy.special import jv
 import granphon as gp
 from granphon.balls.lattices import LATTICES
 from granphon.base.errors import InputError
+from granphon.media import crystal as crystal_module
 
 G = 9.81
 #: Al 6061 and steel 316, balls of 19.05 mm
@@ -889,6 +890,22 @@ def test_loads_beyond_double_precision_are_refused(finite):
     ):  # fmt: skip
         with pytest.raises(InputError, match=r"beyond double precision|diameter or more|strain above -1"):
             find(value, finite_overlap=finite)
+
+
+def test_loads_whose_pressure_is_beyond_floats_are_refused_at_once(monkeypatch):
+    """Of what is cut the pressure of a force is greater than the force; where gravity presses more, none is found."""
+    tried = []
+    settle = crystal_module.settle
+    monkeypatch.setattr(crystal_module, "settle", lambda *given: tried.append(1) or settle(*given))
+    whole = gp.Crystal.on("triangular", [gp.Ball(STEEL, 8e-3)])
+    for edges in ("free", ("floor", "free")):
+        with pytest.raises(InputError, match="beyond double precision"):
+            whole.cut(1, 6, edges=edges).at_force(1e308)
+    assert not tried
+    for field in (1e30, 1e100):
+        with pytest.raises(InputError, match="gravity presses more"):
+            whole.cut(1, 6, edges=("floor", "free")).at_force(10.0, gravity=(0.0, -field))
+    assert len(tried) < 10
 
 
 def test_crystals_that_do_not_fit_into_memory_are_refused():

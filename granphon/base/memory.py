@@ -1,0 +1,82 @@
+"""Memory: what this machine has left, and the error of work that would take more.
+
+Every call that takes a size asks :func:`require_memory` before its work begins.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from contextlib import suppress
+from pathlib import Path
+
+from granphon.base.errors import InputError
+
+#: memory that any machine is taken to have, bytes: to ask the system takes longer than small work
+_ALWAYS = 1e8
+#: for both versions of control groups, by the name of the controller: the folder, the files of the limit and of the use, and
+#: the entry of memory.stat with the cache that can be given back
+_GROUPS = {
+    "memory": ("sys/fs/cgroup/memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
+    "": ("sys/fs/cgroup", "memory.max", "memory.current", "inactive_file"),
+}
+
+
+def available_memory(root: Path = Path("/")) -> float:
+    """Return the memory that this process may still take, bytes; infinite if the system does not report it.
+
+    On Linux it is the least of the memory that the kernel reports as available and of what is left of the limits of the
+    process's control group and the groups above it. Elsewhere it is the free memory, or failing that the total memory.
+    ``root`` is the folder of the system's files.
+    """
+
+    def read(path: Path) -> list[list[str]]:
+        """Read the words of each line."""
+        with suppress(OSError):
+            return [line.split() for line in path.read_text(encoding="ascii", errors="replace").split("\n")]
+        return []
+
+    def read_number(path: Path, name: str = "") -> float | None:
+        """Read the number after a name, or alone in a file; None if there is none ("max")."""
+        found = next((words[-1 - (len(words) > 2)] for words in read(path) if words and name in ("", words[0])), "")
+        return float(found) if found.isdigit() else None
+
+    free, known = read_number(root / "proc/meminfo", "MemAvailable:"), getattr(os, "sysconf_names", ())
+    pages = next((name for name in ("SC_AVPHYS_PAGES", "SC_PHYS_PAGES") if name in known), None)
+    left = math.inf
+    if free is not None:
+        left = free * 1024.0
+    elif pages is not None and "SC_PAGE_SIZE" in known:
+        left = float(os.sysconf(pages)) * float(os.sysconf("SC_PAGE_SIZE"))
+    for words in read(root / "proc/self/cgroup"):
+        _, _, rest = " ".join(words).partition(":")
+        controllers, _, path = rest.partition(":")
+        kind = "memory" if "memory" in controllers.split(",") else controllers
+        if kind not in _GROUPS:
+            continue
+        place, limit, use, cache = _GROUPS[kind]
+        group = Path(path.lstrip("/"))
+        for folder in (group, *group.parents):  # limits of groups above count too; in a container some may be missing
+            here = root / place / folder
+            most, taken = read_number(here / limit), read_number(here / use)
+            if most is not None and taken is not None:
+                left = min(left, max(most - taken + (read_number(here / "memory.stat", cache) or 0.0), 0.0))
+    return left
+
+
+def require_memory(what: str, needed: float, mend: str) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` if work needs more memory, bytes, than this machine has available.
+
+    ``what`` says what takes it, as the subject of a sentence in the plural, and ``mend`` how to take less.
+    """
+    if needed <= _ALWAYS:
+        return
+    free = available_memory()
+    if needed > free:
+        why = f"This machine has {write_bytes(free)} available"
+        raise InputError(f"{what} take {write_bytes(needed)} of memory", why, mend)
+
+
+def write_bytes(amount: float) -> str:
+    """Return an amount of memory as text, such as 3.2 GB."""
+    return f"{amount / 1e9:,.3g} GB" if amount < 1e12 else f"{amount / 1e9:.2e} GB"
