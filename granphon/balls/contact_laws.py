@@ -33,7 +33,7 @@ from granphon.balls.hertz import (
     HertzLaw,
     require_finite,
     require_pushing,
-)  # fmt: skip
+)
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import ADHESION, LOADS, Quantity, is_si

@@ -4,6 +4,7 @@ import ctypes
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import granphon as gp
 from tests import packings
@@ -93,3 +94,61 @@ def test_balls_in_true_directions_move_as_in_lammps():
 def test_balls_in_true_directions_with_friction_move_as_in_lammps():
     """Lever arms of LAMMPS are of first order in the overlap, and so is what is left beside its step."""
     assert np.all(np.array(differences(True, 2, "exact", 1e-5)) < 1e-4)
+
+
+RUBBER = gp.Ball(gp.Material(5e6, 0.49, 1100.0), 2e-3)
+
+
+def collide_in_lammps(speed, steps, step=5e-8, gap=1e-6, spin=0.0, friction=None):
+    """Velocities and spins (n, 3) of two balls of rubber that adhere by JKR's law with 0.1 J/m^2, after some steps.
+
+    LAMMPS takes the energy of one surface, which is half of the work of adhesion.
+    """
+    lmp = packings.start_or_skip()
+    side, middle, m = 20.0 * RUBBER.diameter, 10.0 * RUBBER.diameter, RUBBER.material
+    places = np.full((2, 3), middle)
+    places[1, 0] += RUBBER.diameter + gap
+    packings.fill(lmp, f"block 0 {side!r} 0 {side!r} 0 {side!r}", places, dimension=3)
+    tangential = "linear_nohistory 0 0" if friction is None else f"mindlin/force NULL 0 {friction!r}"
+    lmp.commands_string(f"""
+        set group all diameter {RUBBER.diameter!r} density {m.density!r}
+        pair_style granular
+        pair_coeff * * jkr {m.young_modulus!r} 0 {m.poisson_ratio!r} 0.05 tangential {tangential} damping velocity
+        neighbor 1e-3 bin
+        fix move all nve/sphere
+        timestep {step!r}""")
+    motions = np.zeros((2, 6))
+    motions[:, 0] = 0.5 * speed, -0.5 * speed
+    motions[:, 5] = spin
+    for name, values in (("v", motions[:, :3]), ("omega", motions[:, 3:])):
+        lmp.scatter_atoms(name, 1, 3, (ctypes.c_double * values.size)(*values.ravel()))
+    lmp.command(f"run {steps} post no")
+    found = [np.array(lmp.gather_atoms(name, 1, 3)).reshape(-1, 3) for name in ("v", "omega")]
+    lmp.close()
+    return found
+
+
+@pytest.mark.claim("nonlinear-adhesion")
+def test_balls_that_adhere_by_jkr_bounce_as_in_lammps():
+    """Contacts are made where balls touch, and break where the force of tension is largest."""
+    pair = gp.Crystal([RUBBER] * 2, [], [[0.0], [RUBBER.diameter]], law=gp.JKR(0.1), friction=False)
+    waves = gp.NonlinearWaves(pair, geometry="exact")
+    apart = 0.5 * (waves.overlap[0] + 1e-6)
+    for speed in (0.02, 0.05):
+        start = {"displacements": [[-apart], [apart]], "velocities": [[0.5 * speed], [-0.5 * speed]]}
+        ours = waves.run(2e-3, frames=2, **start).velocities[-1]
+        theirs = collide_in_lammps(speed, 40_000)[0]
+        assert_allclose(ours[:, 0], theirs[:, 0], rtol=1e-3)
+
+
+@pytest.mark.claim("nonlinear-adhesion")
+def test_contacts_of_jkr_are_as_stiff_in_shear_as_in_lammps():
+    """Two balls at rest spin against each other, for a small part of the period of their slip."""
+    pair = gp.Crystal([RUBBER] * 2, [], [[0.0, 0.0], [RUBBER.diameter, 0.0]], law=gp.JKR(0.1))
+    waves = gp.NonlinearWaves(pair, geometry="exact")
+    spins = np.zeros((2, 3))
+    spins[:, 2] = 0.01
+    ours = waves.run(1e-4, spins=spins, frames=2, step=1e-7).spins[-1, :, 2]
+    theirs = collide_in_lammps(0.0, 1000, 1e-7, -float(waves.overlap[0]), 0.01, 1e3)[1][:, 2]
+    assert np.all(np.abs(ours - 0.01) > 1e-4)
+    assert_allclose(ours - 0.01, theirs - 0.01, rtol=3e-3)
