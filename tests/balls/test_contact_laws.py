@@ -247,7 +247,7 @@ def test_adhesion_beyond_double_precision():
     # so little adhesion is none
     for law in (gp.JKR(1e-304), gp.DMT(5e-324)):
         assert_allclose(law.between(GEL, GEL).force(1e-6), gp.Hertz().between(GEL, GEL).force(1e-6), rtol=1e-14)
-    with pytest.raises(InputError, match="Give a granphon.Ball"):
+    with pytest.raises(InputError, match=r"Give a granphon\.Ball"):
         gp.JKR(0.1).between(GEL, 2.0)
 
 
@@ -273,6 +273,9 @@ def test_a_law_of_a_user_serves_if_its_methods_agree():
             check_law(Quadratic(**{name: 1.01}), 5e-3)
     with pytest.raises(InputError, match="does not rise"):
         check_law(Quadratic(energy=-1.0, force=-1.0, stiffness=-1.0, stiffness_slope=-1.0), 5e-3)
+    wide = type("Wide", (Quadratic,), {"contact_radius": lambda self, overlap: -1.0 * overlap})
+    with pytest.raises(InputError, match="contact_radius of the contact law Wide"):
+        check_law(wide(), 5e-3)
     half = type("Half", (), dict.fromkeys(("force", "energy", "overlap"), Quadratic.force))
     with pytest.raises(InputError, match="has no method stiffness, stiffness_slope"):
         law_between(half(), S, A)
