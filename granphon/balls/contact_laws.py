@@ -33,7 +33,7 @@ from granphon.balls.hertz import (
     HertzLaw,
     require_finite,
     require_pushing,
-)  # fmt: skip
+)
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import ADHESION, LOADS, Quantity, is_si
@@ -525,6 +525,16 @@ def law_between(law: Any, ball: Body, other: Body) -> PairLaw:
     return found  # type: ignore[no-any-return]
 
 
+def _check_radius(name: str, law: PairLaw, at: Array) -> None:
+    """Raise for a user's law whose ``contact_radius`` is not a radius at overlaps ``at``."""
+    if not callable(find := getattr(law, "contact_radius", None)):
+        return
+    found = np.asarray(find(at))
+    if found.shape != at.shape or found.dtype.kind != "f" or not np.all((found > 0.0) & np.isfinite(found)):
+        what = f"contact_radius of the contact law {name} returns {brief(found)} for an array of overlaps"
+        raise InputError(what, mend="Return an array of radii, m, of the same shape")
+
+
 def check_law(law: PairLaw, radius: float) -> None:
     """Compare the methods of a user's law with each other, at overlaps from 1e-6 to 1e-3 of the ``radius``, m.
 
@@ -554,6 +564,7 @@ def check_law(law: PairLaw, radius: float) -> None:
     if least is not None and np.any(below):
         why = f"least_overlap is {least:g} m, below which balls are apart"
         raise InputError(f"the contact law {name} has forces that its least_overlap denies", why, "Return zero there")
+    _check_radius(name, law, delta)
     if least is None and np.any(below):  # a bond
         delta = np.concatenate([delta, -delta])
     steps = delta[:, None] * (1.0 + _STEP * np.array([0.0, 1.0, -1.0]))

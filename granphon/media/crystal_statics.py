@@ -124,7 +124,11 @@ class Springs:
             self.least[contacts] = least = opening_overlap(law)
             self.touch[contacts] = touching_overlap(law)
             self.most[contacts] = float(getattr(law, "most_overlap", math.inf))
-            self.tension[contacts] = math.inf if least == -math.inf else -min(float(np.asarray(law.force(least))), 0.0)
+            # a law may be zero at the end itself
+            last = (
+                np.asarray(law.force(np.array([least, math.nextafter(least, math.inf)]))) if least > -math.inf else -np.inf
+            )
+            self.tension[contacts] = -min(float(np.min(last)), 0.0)
 
     @property
     def adhesion(self) -> Array:

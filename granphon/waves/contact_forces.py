@@ -108,13 +108,14 @@ class PairLaws:
     def __init__(self, springs: Springs, overlap: Array, apart: int = 0) -> None:
         self.springs, self.overlap, self.rest = springs, overlap, springs.force(overlap)
         self.apart, self.know_radii = apart, springs.know_radii
-        start = np.maximum(overlap, springs.least)
+        # the first overlap that is of the law itself
+        self._first = np.nextafter(springs.least, np.inf)
+        start = np.maximum(overlap, self._first)
         if apart:
-            self.rest[-apart:], start[-apart:] = 0.0, np.maximum(springs.least[-apart:], -np.finfo(float).max)
+            self.rest[-apart:], start[-apart:] = 0.0, self._first[-apart:]
         self._energy = springs.energy(start)
         # what never opens has no end; a law that begins with zero has no jump, but for rounding
         opens = springs.least > -np.inf
-        self._first = np.nextafter(springs.least, np.inf)
         ends = self._first, np.nextafter(springs.touch, np.inf)
         forces = [np.abs(springs.force(np.where(opens, end, 0.0))) for end in ends]
         self.jumps: Index = np.flatnonzero(opens & (np.maximum(*forces) >= _NONE))
@@ -165,8 +166,8 @@ class PairLaws:
 
     def store(self, e: Array, joined: Any = None) -> Array:
         """As for :class:`Powers`; below zero where contacts adhere. Where they have parted it is that where they part."""
-        h, parted, at = np.maximum(self.overlap - e, self.springs.least), self._parted(joined), self.jumps
-        h[parted] = self.springs.least[parted]
+        h, parted, at = np.maximum(self.overlap - e, self._first), self._parted(joined), self.jumps
+        h[parted] = self._first[parted]
         far = self.springs.energy(h) - self._energy + self.rest * e
         # the work of the force that joined ones keep until a step ends
         beyond = np.minimum(self.overlap[at] - e[at] - self._first[at], 0.0) * self._last

@@ -54,7 +54,7 @@ class Motion(Result):
     forces, shears : (n_f, n_c) normal force of each contact, zero where it is open, and size of its force of slip, N.
     translation, rotation : (n_f,) kinetic energies, J.
     stored : (n_f,) energy that contacts and the load have gained since rest, J.
-    lost : (n_f,) energy that contacts have lost by friction, by dashpots, and by their law, J.
+    lost : (n_f,) energy that contacts have lost by friction, by dashpots, and by their law, as those that adhere do, J.
     work : (n_f,) of drives, J.
     step : s.
     network : the balls at rest, and their contacts.

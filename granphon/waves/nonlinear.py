@@ -404,7 +404,7 @@ def _root_radius(radii: Array, i: Index, j: Index) -> Array:
 
 
 class _Trial(NamedTuple):
-    """A step that ends with these ways and forces of drives, after the motions (size,) ``moved``, with contacts ``at`` there.
+    """A step that ends with these ways and forces of drives, after motions (size,) ``moved``, with contacts ``at`` there.
 
     An implicit one also has its mean acceleration, contacts ``touch``, the work of slip, twist and roll, the mean forces of
     dashpots, and the forces that resist drives.
@@ -488,9 +488,8 @@ class _System:
         if waves.geometry == "exact":
             normal, ratio, self._unknown = waves._join_laws(i, j) if len(i) else (normal, np.zeros(0), [])
             more = (i, j, shift, ratio)
-            self.where: Any = TrueDirections(
-                self.operator, self.fixed, self.moved, waves.normal.rest, waves.punch, more, self._bulge
-            )
+            rest = waves.normal.rest, waves.punch
+            self.where: Any = TrueDirections(self.operator, self.fixed, self.moved, *rest, more, self._bulge)
         else:
             self.where = self.fixed
         times = waves.damping

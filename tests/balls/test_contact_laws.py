@@ -145,6 +145,7 @@ def test_jkr_is_that_of_its_contact_radius(modulus, adhesion):
         root = math.sqrt(2 * math.pi * w * star)
         rise, run = 4 * star * a**2 / r - 3 * root * math.sqrt(a), 2 * a / r - 0.5 * root / star / math.sqrt(a)
         assert_allclose(law.stiffness(delta), rise / run, rtol=1e-9)
+        assert_allclose(law.contact_radius(delta), a, rtol=1e-11)
         if force == 0.0:
             assert_allclose(law.stiffness(delta), 0.6 * 2 * star * a, rtol=1e-12)
     assert_allclose(law.force(law.least_overlap), -least, rtol=1e-12)
@@ -221,6 +222,49 @@ class Quadratic:
         return self.other.get("overlap", 1.0) * x
 
 
+EXTREME = [5e-324, 1e-308, 1e308, -1e308, math.inf, -math.inf, math.nan, 10**400, "1", None, 1j, [1.0, "a"], [[1.0], 2.0]]
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_laws_refuse_what_is_beyond_double_precision(name):
+    """Numbers are finite, or there is one error; overlaps of balls that are far apart give zero."""
+    law = LAWS[name]
+    for method in ("force", "stiffness", "stiffness_slope", "energy", "overlap", "contact_radius"):
+        for value in EXTREME if hasattr(law, method) else ():
+            try:
+                assert np.all(np.isfinite(getattr(law, method)(value)))
+            except InputError:
+                assert value not in (5e-324, 1e-308)
+    assert law.force(-1e308) == 0.0
+    with pytest.raises(InputError, match="nan"):
+        law.force(math.nan)
+
+
+def test_adhesion_beyond_double_precision():
+    for make in (lambda: gp.JKR(5e-324), lambda: gp.JKR(1e308), lambda: gp.DMT(1e308)):
+        with pytest.raises(InputError, match="beyond double precision for these balls"):
+            make().between(GEL, GEL)
+    # so little adhesion is none
+    for law in (gp.JKR(1e-304), gp.DMT(5e-324)):
+        assert_allclose(law.between(GEL, GEL).force(1e-6), gp.Hertz().between(GEL, GEL).force(1e-6), rtol=1e-14)
+    with pytest.raises(InputError, match=r"Give a granphon\.Ball"):
+        gp.JKR(0.1).between(GEL, 2.0)
+
+
+def test_a_table_begins_as_a_power_of_one_or_above():
+    """Where the interpolator has a flat end, or the table rises less, contacts would push at once when balls touch."""
+    for overlap, force in (([1e-8, 1e-6, 1.001e-6, 1e-5], [1e-9, 1e-7, 1e-5, 1.1e-5]), ([1e-8, 1e-6], [1e-3, 2e-3])):
+        law = gp.TabulatedLaw(overlap, force)
+        assert_allclose(law.force(overlap), force, rtol=1e-12)
+        assert_allclose(law.force(1e-3 * overlap[0]), 1e-3 * force[0], rtol=1e-12)
+        assert_allclose(law.energy(overlap[0]), 0.5 * overlap[0] * force[0], rtol=1e-12)
+        assert np.all(law.stiffness(np.geomspace(1e-12, 1e-3, 200)) > 0.0)
+    near = [1e10, math.nextafter(1e10, 2e10)]
+    for table in ((near, [1.0, 2.0]), ([1.0, 2.0], near)):
+        with pytest.raises(InputError, match="rows 0 and 1"):
+            gp.TabulatedLaw(*table)
+
+
 def test_a_law_of_a_user_serves_if_its_methods_agree():
     law = law_between(Quadratic(), S, A)
     check_law(law, 5e-3)
@@ -229,6 +273,9 @@ def test_a_law_of_a_user_serves_if_its_methods_agree():
             check_law(Quadratic(**{name: 1.01}), 5e-3)
     with pytest.raises(InputError, match="does not rise"):
         check_law(Quadratic(energy=-1.0, force=-1.0, stiffness=-1.0, stiffness_slope=-1.0), 5e-3)
+    wide = type("Wide", (Quadratic,), {"contact_radius": lambda self, overlap: -1.0 * overlap})
+    with pytest.raises(InputError, match="contact_radius of the contact law Wide"):
+        check_law(wide(), 5e-3)
     half = type("Half", (), dict.fromkeys(("force", "energy", "overlap"), Quadratic.force))
     with pytest.raises(InputError, match="has no method stiffness, stiffness_slope"):
         law_between(half(), S, A)

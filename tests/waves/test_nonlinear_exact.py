@@ -10,6 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import granphon as gp
+from granphon.balls.ball import ContactConstants
 from granphon.base.errors import InputError, StoppedEarlyWarning
 from tests.networks.test_cuts import D, bulk
 
@@ -324,6 +325,129 @@ def test_balls_stick_or_part(law):
         if error:
             closing = motion.velocities[-1, 1, 0] - motion.velocities[-1, 0, 0]
             assert_allclose(closing, speed * math.sqrt(1.0 - 1.0 / share), rtol=error)
+
+
+RUBBER = gp.Ball(gp.Material(5e6, 0.49, 1100.0), 2e-3)
+
+
+def collide(law, speed, duration=3e-3, gap=1e-6, **options):
+    """The motion of two balls of rubber that come from a little apart with this relative speed."""
+    pair = gp.Crystal([RUBBER] * 2, [], [[0.0], [2e-3]], law=law, friction=False)
+    waves = gp.NonlinearWaves(pair, geometry="exact")
+    apart = 0.5 * (waves.overlap[0] + gap)
+    start = {"displacements": [[-apart], [apart]], "velocities": [[0.5 * speed], [-0.5 * speed]]}
+    return waves.run(duration, **start, **{"frames": 3} | options)
+
+
+def restitution(motion):
+    """The relative velocity after a collision over that before."""
+    moves = motion.velocities[:, 1, 0] - motion.velocities[:, 0, 0]
+    return -moves[-1] / moves[0]
+
+
+@pytest.mark.claim("nonlinear-adhesion")
+@pytest.mark.parametrize("scheme", ["verlet", "midpoint"])
+def test_balls_of_jkr_lose_energy_as_contacts_are_made_and_broken(scheme):
+    """They touch at the overlap zero and part where the law ends; what is lost is in the balance of energies."""
+    law = gp.JKR(0.1).between(RUBBER, RUBBER)
+    lost = law.energy(law.least_overlap) - law.energy(0.0)
+    # 2 pi w a^2 times 3/10 less the fifth part of (3/4)^(4/3)
+    assert_allclose(lost, 2.0 * math.pi * 0.1 * law.spot**2 * (0.3 - 0.2 * 0.75 ** (4.0 / 3.0)), rtol=1e-12)
+    for speed, duration in ((0.02, 2e-3), (0.1, 1e-3)):
+        motion = collide(gp.JKR(0.1), speed, duration, scheme=scheme)
+        share = lost / (0.25 * RUBBER.mass * speed**2)
+        assert_allclose(restitution(motion), math.sqrt(1.0 - share), rtol=1e-3 if scheme == "verlet" else 1e-6)
+        assert_allclose(motion.lost[-1], lost, rtol=1e-6)
+        assert_allclose(motion.energy + motion.lost, motion.energy[0], rtol=5e-4 if scheme == "verlet" else 1e-11)
+    stuck = collide(gp.JKR(0.1), 0.01, 3e-3, scheme=scheme)
+    assert stuck.forces[-1, 0] != 0.0
+    assert_allclose(stuck.lost[-1], lost, rtol=1e-6)
+
+
+@pytest.mark.claim("nonlinear-adhesion")
+@pytest.mark.parametrize("law", [gp.DMT(0.1), gp.JKR(0.1)])
+def test_steps_where_forces_jump_are_of_second_order(law):
+    one = law.between(RUBBER, RUBBER)
+    share = (one.energy(one.least_overlap) - one.energy(0.0)) / (0.25 * RUBBER.mass * 0.02**2)
+    off = [restitution(collide(law, 0.02, step=step)) - math.sqrt(1.0 - share) for step in (1e-5, 5e-6, 2.5e-6)]
+    assert abs(off[0]) < 5e-4
+    assert np.all(np.abs(off[:-1]) > 3.0 * np.abs(off[1:]))
+
+
+@pytest.mark.claim("nonlinear-adhesion")
+@pytest.mark.parametrize("frames", [11, 101])
+def test_the_default_step_keeps_the_energy_where_forces_jump(frames):
+    """Whatever the frames, which change the step a little."""
+    for speed in (0.01, 0.02):
+        motion = collide(gp.DMT(0.1), speed, frames=frames)
+        assert_allclose(motion.energy[-1], motion.energy[0], rtol=2e-4)
+        assert_allclose(restitution(motion), 1.0, rtol=2e-4)
+
+
+class Sudden:
+    """A law that pushes with its whole force once balls touch, f = f_0 + k delta."""
+
+    def energy(self, overlap):
+        delta = np.maximum(overlap, 0.0)
+        return 1e-4 * delta + 0.5 * 10.0 * delta**2
+
+    def force(self, overlap):
+        return np.where(np.asarray(overlap) > 0.0, 1e-4 + 10.0 * np.asarray(overlap), 0.0)
+
+    def stiffness(self, overlap):
+        return 10.0 * (np.asarray(overlap) > 0.0)
+
+    def stiffness_slope(self, overlap):
+        return np.zeros(np.shape(overlap))
+
+    def overlap(self, force):
+        return np.maximum(np.asarray(force) - 1e-4, 0.0) / 10.0
+
+
+class Afar(Sudden):
+    """A law whose balls attract each other from a distance on, with a constant force."""
+
+    least_overlap = -1e-5
+
+    def __init__(self, touch):
+        self.touch_overlap = touch
+
+    def energy(self, overlap):
+        delta = np.asarray(overlap)
+        return np.where(delta > -1e-5, 0.5 * 10.0 * np.maximum(delta, 0.0) ** 2 - 1e-5 * delta, 0.0)
+
+    def force(self, overlap):
+        return np.where(np.asarray(overlap) > -1e-5, 10.0 * np.maximum(overlap, 0.0) - 1e-5, 0.0)
+
+    def overlap(self, force):
+        return (np.asarray(force) + 1e-5) / 10.0
+
+
+def test_laws_of_users_that_jump():
+    """A force that comes at once; and one that acts from afar, which says so, or only once balls have touched."""
+    motion = collide(Sudden(), 0.02)
+    assert_allclose(restitution(motion), 1.0, rtol=1e-3)
+    assert_allclose(collide(Afar(-1e-5), 0.02, gap=1.2e-5).lost, 0.0, atol=1e-16)
+    assert_allclose(collide(Afar(0.0), 0.02, gap=1.2e-5).lost[-1], 1e-10, rtol=1e-5)
+
+
+def test_a_table_that_rises_at_once_is_followed():
+    """The default step is that of the steepest part on the way, and not of the end of the table."""
+    table = gp.TabulatedLaw([1e-8, 1e-6, 1.1e-6, 1e-5], [1e-9, 1e-7, 1e-5, 1.1e-5])
+    motion = collide(table, 0.01, 1.2e-2)
+    assert motion.forces[-1, 0] == 0.0
+    assert_allclose(restitution(motion), 1.0, rtol=2e-3)
+
+
+def test_contacts_that_adhere_slip_against_the_stiffness_of_their_radius():
+    """At no load 8 G* a of JKR's own radius, in motion too: the other ball hardly moves in so short a time."""
+    pair = gp.Crystal([RUBBER] * 2, [], [[0.0, 0.0], [2e-3, 0.0]], law=gp.JKR(0.1))
+    law, constants = gp.JKR(0.1).between(RUBBER, RUBBER), ContactConstants.of(RUBBER, RUBBER)
+    kappa = constants.mindlin_ratio * 2.0 * constants.modulus * law.contact_radius(law.overlap(0.0))
+    waves = gp.NonlinearWaves(pair, geometry="exact")
+    way = gp.Drive(1, (0, 1, 0), lambda time: 1e-9 * time / 1e-6)
+    motion = waves.run(1e-6, drive=way, frames=3, step=1e-8)
+    assert_allclose(motion.shears[-1, 0], kappa * 1e-9, rtol=1e-3)
 
 
 def test_a_table_of_hertz_law_moves_as_hertz_law():

@@ -4,6 +4,7 @@ import ctypes
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import granphon as gp
 from tests import packings
@@ -14,15 +15,19 @@ D, SHAPE, MU = 8e-3, (6, 6), 0.3
 OVERLAP = 1e-7
 
 
-def move_in_lammps(network, motions, step, steps, slip, overlap=OVERLAP):
-    """Velocities, spins and forces (n, 3) after some steps from those at the start, ``motions`` (n, 6)."""
+def move_in_lammps(network, motions, step, steps, slip, overlap=OVERLAP, mu=MU, tau=0.0):
+    """Velocities, spins and forces (n, 3) after some steps from those at the start, ``motions`` (n, 6).
+
+    The viscosity of contacts over their stiffness is ``tau``, s. That of LAMMPS goes with the radius of contacts too.
+    """
     lmp = packings.start_or_skip()
     cell, m = (1.0 - overlap) * network.cell, STEEL
     (a, _, _), (tilt, b, _), _ = cell.tolist()
     modulus, shear = 0.5 * m.young_modulus / (1.0 - m.poisson_ratio**2), m.young_modulus / (2.0 * (1.0 + m.poisson_ratio))
-    tangential = (
-        f"mindlin_rescale/force {4.0 * shear / (2.0 - m.poisson_ratio)!r} 0 {MU}" if slip else "linear_nohistory 0 0"
-    )
+    viscosity = float(2.0 * modulus * tau / (0.5 * network.masses[0]))
+    across = float(network.shear_stiffness[0] / network.normal_stiffness[0]) if tau else 0.0
+    stiffness = 4.0 * shear / (2.0 - m.poisson_ratio)
+    tangential = f"mindlin_rescale/force {stiffness!r} {across!r} {mu!r}" if slip else "linear_nohistory 0 0"
     n = network.n_balls
     inverse = np.linalg.inv(cell[:2, :2])
     places = np.zeros((n, 3))
@@ -31,7 +36,7 @@ def move_in_lammps(network, motions, step, steps, slip, overlap=OVERLAP):
     lmp.commands_string(f"""
         set group all diameter {D!r} mass {float(network.masses[0])!r}
         pair_style granular
-        pair_coeff * * hertz {4.0 / 3.0 * modulus!r} 0 tangential {tangential} damping velocity
+        pair_coeff * * hertz {4.0 / 3.0 * modulus!r} {viscosity!r} tangential {tangential} damping viscoelastic
         neighbor 1e-3 bin
         fix move all nve/sphere
         timestep {float(step)!r}""")
@@ -93,3 +98,108 @@ def test_balls_in_true_directions_move_as_in_lammps():
 def test_balls_in_true_directions_with_friction_move_as_in_lammps():
     """Lever arms of LAMMPS are of first order in the overlap, and so is what is left beside its step."""
     assert np.all(np.array(differences(True, 2, "exact", 1e-5)) < 1e-4)
+
+
+def differences_of_steps(slip, mu=MU, share=0.0, finer=1):
+    """Rms differences, over the rms, of velocities and spins after a thousand default steps.
+
+    They are those from LAMMPS in the same steps, or in ``finer`` ones; and of default steps those from steps of an eighth. The
+    viscosity of contacts is ``share``, as tau times their frequency.
+    """
+    network = gp.AveragedLattice(gp.Packing(STEEL, D, friction=slip)).at_overlap(OVERLAP * D).network.repeat(SHAPE)
+    rate = np.sqrt(network.normal_stiffness[0] / network.masses[0])
+    tau = share / rate
+    waves = gp.NonlinearWaves(network, friction_coefficient=mu, damping=tau)
+    motions = np.zeros((network.n_balls, 6))
+    motions[:, :2] = OVERLAP * D * rate * np.random.default_rng(2).standard_normal((network.n_balls, 2))
+    step = waves.find_step(float(np.max(np.linalg.norm(motions[:, :3], axis=1))))
+    start = {"velocities": motions[:, :3], "spins": motions[:, 3:], "frames": 2}
+    ours = waves.run(1000 * step, step=step / finer, **start)
+    fine = waves.run(1000 * step, step=step / 8, **start) if finer == 1 and not share else ours
+    theirs = move_in_lammps(network, motions, ours.step, 1000 * finer, slip, mu=mu, tau=tau)
+
+    def compare(others):
+        found = ours.velocities[-1], ours.spins[-1]
+        return [np.sqrt(np.mean((a - b) ** 2) / max(np.mean(a**2), 1e-300)) for a, b in zip(found, others, strict=True)]
+
+    return compare(theirs[:2]), compare((fine.velocities[-1], fine.spins[-1]))
+
+
+@pytest.mark.claim("nonlinear-steps")
+def test_a_thousand_default_steps():
+    """Our own step counts for less than 1 %; LAMMPS is of first order in friction, and alike without."""
+    theirs, step = differences_of_steps(False)
+    assert theirs[0] < 1e-5
+    assert step[0] < 1e-2
+    theirs, step = differences_of_steps(True)
+    assert np.all(np.array(theirs) < 1e-2)
+    assert np.all(np.array(step) < 1e-2)
+
+
+@pytest.mark.claim("nonlinear-steps")
+def test_coulombs_limit_is_that_of_the_law_without_dashpots():
+    """LAMMPS takes the force of the dashpot too: without the limit the difference falls with the step, with it not."""
+    sticks, slides = (
+        [max(differences_of_steps(True, mu, 0.05, finer)[0]) for finer in (1, 4)] for mu in (1e9, MU)
+    )  # fmt: skip
+    assert sticks[0] < 2e-2
+    assert sticks[1] < 0.4 * sticks[0]
+    assert min(slides) > 0.05
+
+
+RUBBER = gp.Ball(gp.Material(5e6, 0.49, 1100.0), 2e-3)
+
+
+def collide_in_lammps(speed, steps, step=5e-8, gap=1e-6, spin=0.0, friction=None):
+    """Velocities and spins (n, 3) of two balls of rubber that adhere by JKR's law with 0.1 J/m^2, after some steps.
+
+    LAMMPS takes the energy of one surface, which is half of the work of adhesion.
+    """
+    lmp = packings.start_or_skip()
+    side, middle, m = 20.0 * RUBBER.diameter, 10.0 * RUBBER.diameter, RUBBER.material
+    places = np.full((2, 3), middle)
+    places[1, 0] += RUBBER.diameter + gap
+    packings.fill(lmp, f"block 0 {side!r} 0 {side!r} 0 {side!r}", places, dimension=3)
+    tangential = "linear_nohistory 0 0" if friction is None else f"mindlin/force NULL 0 {friction!r}"
+    lmp.commands_string(f"""
+        set group all diameter {RUBBER.diameter!r} density {m.density!r}
+        pair_style granular
+        pair_coeff * * jkr {m.young_modulus!r} 0 {m.poisson_ratio!r} 0.05 tangential {tangential} damping velocity
+        neighbor 1e-3 bin
+        fix move all nve/sphere
+        timestep {step!r}""")
+    motions = np.zeros((2, 6))
+    motions[:, 0] = 0.5 * speed, -0.5 * speed
+    motions[:, 5] = spin
+    for name, values in (("v", motions[:, :3]), ("omega", motions[:, 3:])):
+        lmp.scatter_atoms(name, 1, 3, (ctypes.c_double * values.size)(*values.ravel()))
+    lmp.command(f"run {steps} post no")
+    found = [np.array(lmp.gather_atoms(name, 1, 3)).reshape(-1, 3) for name in ("v", "omega")]
+    lmp.close()
+    return found
+
+
+@pytest.mark.claim("nonlinear-adhesion")
+def test_balls_that_adhere_by_jkr_bounce_as_in_lammps():
+    """Contacts are made where balls touch, and break where the force of tension is largest."""
+    pair = gp.Crystal([RUBBER] * 2, [], [[0.0], [RUBBER.diameter]], law=gp.JKR(0.1), friction=False)
+    waves = gp.NonlinearWaves(pair, geometry="exact")
+    apart = 0.5 * (waves.overlap[0] + 1e-6)
+    for speed in (0.02, 0.05):
+        start = {"displacements": [[-apart], [apart]], "velocities": [[0.5 * speed], [-0.5 * speed]]}
+        ours = waves.run(2e-3, frames=2, **start).velocities[-1]
+        theirs = collide_in_lammps(speed, 40_000)[0]
+        assert_allclose(ours[:, 0], theirs[:, 0], rtol=1e-3)
+
+
+@pytest.mark.claim("nonlinear-adhesion")
+def test_contacts_of_jkr_are_as_stiff_in_shear_as_in_lammps():
+    """Two balls at rest spin against each other, for a small part of the period of their slip."""
+    pair = gp.Crystal([RUBBER] * 2, [], [[0.0, 0.0], [RUBBER.diameter, 0.0]], law=gp.JKR(0.1))
+    waves = gp.NonlinearWaves(pair, geometry="exact")
+    spins = np.zeros((2, 3))
+    spins[:, 2] = 0.01
+    ours = waves.run(1e-4, spins=spins, frames=2, step=1e-7).spins[-1, :, 2]
+    theirs = collide_in_lammps(0.0, 1000, 1e-7, -float(waves.overlap[0]), 0.01, 1e3)[1][:, 2]
+    assert np.all(np.abs(ours - 0.01) > 1e-4)
+    assert_allclose(ours - 0.01, theirs - 0.01, rtol=3e-3)
