@@ -295,7 +295,8 @@ class NonlinearWaves:
         """
         length, count = positive("duration", duration, "s"), whole_number("frames", frames, 2, _MOST_STEPS)
         one_of("scheme", scheme, SCHEMES)
-        needed = motion_memory(self.network.n_balls, self.network.n_contacts, count)
+        held = 2 if file is not None else count  # frames of a file are not held in memory
+        needed = motion_memory(self.network.n_balls, self.network.n_contacts, held)
         what = f"{count:,} frames of a motion of {self.network.n_balls:,} balls"
         require_memory(what, needed, "Give fewer frames")
         if UNCOMPILED:
