@@ -103,8 +103,8 @@ def test_balls_in_true_directions_with_friction_move_as_in_lammps():
 def differences_of_steps(slip, mu=MU, share=0.0, finer=1):
     """Rms differences, over the rms, of velocities and spins after a thousand default steps.
 
-    They are those from LAMMPS in the same steps, or in ``finer`` ones; and of default steps those from steps of an eighth. The
-    viscosity of contacts is ``share``, as tau times their frequency.
+    They are those from LAMMPS in the same steps, or in ``finer`` ones; and of default steps those from steps of an eighth.
+    The viscosity of contacts is ``share``, as tau times their frequency.
     """
     network = gp.AveragedLattice(gp.Packing(STEEL, D, friction=slip)).at_overlap(OVERLAP * D).network.repeat(SHAPE)
     rate = np.sqrt(network.normal_stiffness[0] / network.masses[0])
