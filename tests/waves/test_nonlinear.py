@@ -641,8 +641,8 @@ def test_no_step_of_such_a_speed(speed):
         gp.NonlinearWaves(line(10.0, 4)).find_step(speed)
 
 
-@pytest.mark.parametrize("size", [1e150, 1e308])
-def test_numbers_beyond_double_precision_leave_as_one_error_or_a_short_motion(size):
+def test_numbers_beyond_double_precision_leave_as_one_error_or_a_short_motion():
+    size = 1e308
     waves = gp.NonlinearWaves(line(10.0, 4))
     for name in ("velocities", "displacements"):
         with pytest.raises(InputError, match=r"step|fast|stiff"):
