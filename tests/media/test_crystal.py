@@ -247,6 +247,7 @@ def test_laws_by_pairs_of_kinds():
         gp.Crystal.on("chain", [S, A], law={("A", "D"): gp.Hertz()})
 
 
+@pytest.mark.claim("jkr-shear")
 def test_shear_and_torsion_of_balls_that_adhere_by_jkr():
     """They are those of the contact radius of Johnson, Kendall and Roberts: without a load 0.6 is that of the stiffness."""
     rubber, w = gp.Ball(gp.Material(5e6, 0.49, 1100.0), 2e-3), 0.1

@@ -136,7 +136,7 @@ def test_a_thousand_default_steps():
     assert np.all(np.array(step) < 1e-2)
 
 
-@pytest.mark.claim("nonlinear-steps")
+@pytest.mark.claim("nonlinear-coulomb")
 def test_coulombs_limit_is_that_of_the_law_without_dashpots():
     """LAMMPS takes the force of the dashpot too: without the limit the difference falls with the step, with it not."""
     sticks, slides = (
@@ -192,7 +192,7 @@ def test_balls_that_adhere_by_jkr_bounce_as_in_lammps():
         assert_allclose(ours[:, 0], theirs[:, 0], rtol=1e-3)
 
 
-@pytest.mark.claim("nonlinear-adhesion")
+@pytest.mark.claim("jkr-shear")
 def test_contacts_of_jkr_are_as_stiff_in_shear_as_in_lammps():
     """Two balls at rest spin against each other, for a small part of the period of their slip."""
     pair = gp.Crystal([RUBBER] * 2, [], [[0.0, 0.0], [RUBBER.diameter, 0.0]], law=gp.JKR(0.1))
