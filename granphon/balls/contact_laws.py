@@ -34,7 +34,7 @@ from granphon.balls.hertz import (
     require_finite,
     require_pushing,
 )
-from granphon.base.arrays import Array
+from granphon.base.arrays import Array, Flags
 from granphon.base.errors import InputError, brief
 from granphon.base.quantities import ADHESION, LOADS, Quantity, is_si
 from granphon.base.registry import Registry
@@ -285,7 +285,7 @@ class JKRLaw(EnergyLaw):
         require_finite("radius", found, "an overlap", delta, "m")
         return found[()]
 
-    def _solve(self, delta: Array) -> tuple[Array, Array]:
+    def _solve(self, delta: Array) -> tuple[Array, Flags]:
         """Return u at overlaps, and where the contact is whole."""
         with np.errstate(all="ignore"):
             reduced = delta / self.length
@@ -391,7 +391,7 @@ class TabulatedLaw(EnergyLaw):
         grid = np.append((places[:-1, None] + np.diff(places)[:, None] * within).ravel(), places[-1])
         delta = np.exp(grid)
         most = np.append(0.0, np.maximum.accumulate(self.stiffness(delta)))
-        return np.maximum(most[np.searchsorted(delta, overlap, side="right")], self.stiffness(overlap))
+        return np.asarray(np.maximum(most[np.searchsorted(delta, overlap, side="right")], self.stiffness(overlap)))
 
     @cached_property
     def _knots(self) -> tuple[Array, Array]:

@@ -22,7 +22,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -98,9 +98,9 @@ def _of_each(name: str, order: int, what: str) -> Callable[[Springs, Array], Arr
     def find(springs: Springs, values: Array) -> Array:
         out = np.zeros(springs.count)
         for law, contacts in springs.groups:
-            known = isinstance(law, EnergyLaw)
-            of_group = law._evaluate(values[contacts], order) if known else getattr(law, name)(values[contacts])
-            out[contacts] = of_group
+            own: Any = law
+            ask = partial(own._evaluate, order=order) if isinstance(law, EnergyLaw) else getattr(law, name)
+            out[contacts] = ask(values[contacts])
         return out
 
     find.__doc__ = what

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -37,6 +36,8 @@ _STRAIGHT = 0.9
 _BENT = 0.25
 #: least number of frames in a period of the highest harmonic
 _PER_PERIOD = 2.5
+#: most multiples and periods: no run has as many frames
+_MOST_MULTIPLES = 10**9
 #: what a file holds to which no more can be written
 _KEPT = "It holds the frames that came before"
 
@@ -260,11 +261,11 @@ class Motion(Result):
         highest multiple has fewer than 2.5 frames.
         """
         f, frames = positive("frequency", frequency, "Hz"), len(self.times)
-        # each has more than a frame
-        most, fitted_to = whole_number("count", count, 1, frames), whole_number("periods", periods, 1, frames)
+        most = whole_number("count", count, 1, _MOST_MULTIPLES)
+        fitted_to = whole_number("periods", periods, 1, _MOST_MULTIPLES)
         along = whole_number("axis", axis, 0, 2)
         whole = float(self.times[-1] - self.times[0]) * f
-        per = (frames - 1) / (whole * most) if whole > 0.0 else math.inf
+        per = (frames - 1) / (whole * most) if whole > 0.0 else 0.0
         if fitted_to > whole * (1.0 + 1e-9) or per < _PER_PERIOD:
             what = f"{per:.3g} frames are in a period of multiple {most}, and {whole:.3g} periods in the run"
             raise InputError(what, mend="Run for longer, keep more frames, or ask for fewer multiples")

@@ -610,7 +610,7 @@ class _System:
     def _start(self, speeds: Array) -> None:
         """Set what a step begins with, at these speeds of the drives."""
         where, forces, pull = self.where, self.forces, self.touch.pull
-        self.dash = 0.0
+        self.dash = _NOTHING
         if forces.is_damped:
             self.dash = forces.damp(self.touch, where.rate(self.at, self.v, speeds))
             pull = pull + self.dash
@@ -627,7 +627,8 @@ class _System:
 
     def _advance(self, end: float, explicit: bool) -> None:
         """Make a step that ends at a time, in parts where contacts join or part within it."""
-        left, jumps, often = self.step, self.forces.normal.jumps, np.zeros(0)
+        left, jumps = self.step, self.forces.normal.jumps
+        often: Index = np.zeros(len(self.at.e) if len(jumps) else 0, np.intp)
         while left > 0.0:
             trial = self._try(left, end, explicit)
             if len(jumps) and self._passed(trial.at) > 0.0:
@@ -645,7 +646,7 @@ class _System:
                 self.touch, switched, lost = self.forces.switch(self.touch)
                 self.worked[3] += lost
                 self._start(speeds)
-                often = np.bincount(switched, minlength=len(self.touch.e)) + (often if len(often) else 0)
+                often[switched] += 1
                 if np.max(often) > _RATTLES:
                     raise _Stop(_RATTLED)
 

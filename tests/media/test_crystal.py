@@ -248,6 +248,34 @@ def test_laws_by_pairs_of_kinds():
         gp.Crystal.on("chain", [S, A], law={("A", "D"): gp.Hertz()})
 
 
+@pytest.mark.claim("jkr-shear")
+def test_shear_and_torsion_of_balls_that_adhere_by_jkr():
+    """They are those of the contact radius of Johnson, Kendall and Roberts: without a load 0.6 is that of the stiffness."""
+    rubber, w = gp.Ball(gp.Material(5e6, 0.49, 1100.0), 2e-3), 0.1
+    shear, r, nu = rubber.material.shear_modulus, 0.5e-3, 0.49
+    star = shear / (1 - nu)
+    for pressure in (0.0, 200.0, 5e3):
+        state = gp.Crystal.on("fcc", [rubber], law=gp.JKR(w), torsion="mindlin").at_pressure(pressure)
+        reach = 3 * np.pi * w * r
+        force = state.normal_force
+        radius = np.cbrt(0.75 * r / star * (force + reach + np.sqrt(2 * reach * force + reach**2)))
+        assert_allclose(state.contact_radius, radius, rtol=1e-10)
+        assert_allclose(state.shear_stiffness, 4 * shear / (2 - nu) * radius, rtol=1e-10)
+        assert_allclose(state.torsion_stiffness, 8 / 3 * shear * radius**3, rtol=1e-10)
+        assert_allclose(state.network.shear_stiffness, state.shear_stiffness, rtol=1e-15)
+        part = state.normal_stiffness / (2 * star * radius)
+        assert np.all(part < 1.0)
+        if not pressure:
+            assert_allclose(part, 0.6, rtol=1e-12)
+    # balls of ASE have the same contacts
+    state = gp.Crystal.on("fcc", [rubber], law=gp.JKR(w)).at_pressure(200.0, finite_overlap=True)
+    pair = gp.JKR(w).between(rubber, rubber)
+    atoms = Atoms("XX", positions=[[0.0] * 3, [2e-3 - float(state.overlap[0]), 0.0, 0.0]])
+    network = gp.HertzMindlin({"X": rubber}, law=gp.JKR(w)).contact_network(atoms, keep_rattlers=True)
+    kappa = 4 * shear / (2 - nu) * pair.contact_radius(state.overlap[0])
+    assert_allclose(network.shear_stiffness, kappa, rtol=1e-9)
+
+
 def test_shear_and_torsion_of_unlike_balls():
     crystal = gp.Crystal.on("CsCl", [S, A], torsion="mindlin", bending=0.01)
     state = crystal.at_pressure(1e5)

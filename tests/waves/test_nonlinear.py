@@ -635,6 +635,25 @@ def test_bad_input_is_one_error(change, words):
         waves.run(**{"duration": 1e-4, **change})
 
 
+@pytest.mark.parametrize("speed", ["verlet", -1.0, math.nan, 1e200, 10**400])
+def test_no_step_of_such_a_speed(speed):
+    with pytest.raises(InputError, match=r"speed|too fast"):
+        gp.NonlinearWaves(line(10.0, 4)).find_step(speed)
+
+
+def test_numbers_beyond_double_precision_leave_as_one_error_or_a_short_motion():
+    size = 1e308
+    waves = gp.NonlinearWaves(line(10.0, 4))
+    for name in ("velocities", "displacements"):
+        with pytest.raises(InputError, match=r"step|fast|stiff"):
+            waves.run(1e-6, frames=2, **{name: push(waves.network, size)})
+    with pytest.raises(InputError, match="function of the time"):
+        waves.run(1e-6, drive=gp.Drive(0, (1, 0, 0), size), frames=2)
+    with pytest.warns(StoppedEarlyWarning):
+        motion = waves.run(1e-6, drive=gp.Drive(0, (1, 0, 0), lambda time: size * (time > 0.0)), frames=2)
+    assert np.all(np.isfinite(motion.energy))
+
+
 def test_what_has_no_overlap_is_refused():
     network = line(10.0, 4)
     with pytest.raises(InputError, match="have no force"):

@@ -103,8 +103,8 @@ def test_balls_in_true_directions_with_friction_move_as_in_lammps():
 def differences_of_steps(slip, mu=MU, share=0.0, finer=1):
     """Rms differences, over the rms, of velocities and spins after a thousand default steps.
 
-    They are those from LAMMPS in the same steps, or in ``finer`` ones; and of default steps those from steps of an eighth. The
-    viscosity of contacts is ``share``, as tau times their frequency.
+    They are those from LAMMPS in the same steps, or in ``finer`` ones; and of default steps those from steps of an eighth.
+    The viscosity of contacts is ``share``, as tau times their frequency.
     """
     network = gp.AveragedLattice(gp.Packing(STEEL, D, friction=slip)).at_overlap(OVERLAP * D).network.repeat(SHAPE)
     rate = np.sqrt(network.normal_stiffness[0] / network.masses[0])
@@ -136,7 +136,7 @@ def test_a_thousand_default_steps():
     assert np.all(np.array(step) < 1e-2)
 
 
-@pytest.mark.claim("nonlinear-steps")
+@pytest.mark.claim("nonlinear-coulomb")
 def test_coulombs_limit_is_that_of_the_law_without_dashpots():
     """LAMMPS takes the force of the dashpot too: without the limit the difference falls with the step, with it not."""
     sticks, slides = (
@@ -192,7 +192,7 @@ def test_balls_that_adhere_by_jkr_bounce_as_in_lammps():
         assert_allclose(ours[:, 0], theirs[:, 0], rtol=1e-3)
 
 
-@pytest.mark.claim("nonlinear-adhesion")
+@pytest.mark.claim("jkr-shear")
 def test_contacts_of_jkr_are_as_stiff_in_shear_as_in_lammps():
     """Two balls at rest spin against each other, for a small part of the period of their slip."""
     pair = gp.Crystal([RUBBER] * 2, [], [[0.0, 0.0], [RUBBER.diameter, 0.0]], law=gp.JKR(0.1))
