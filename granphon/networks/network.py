@@ -160,8 +160,9 @@ class ContactNetwork(Result):
         if not isinstance(lattice, Lattice | None):
             what = f"the lattice of the network is {brief(lattice)}"
             raise InputError(what, mend="Give a granphon.Lattice, or None")
-        if not isinstance(self.contact_model, ContactModel | None):
-            what = f"the contact model of the network is {brief(self.contact_model)}"
+        model: Any = self.contact_model
+        if not isinstance(model, ContactModel | None):
+            what = f"the contact model of the network is {brief(model)}"
             raise InputError(what, mend="Give a material where the network is read, or None")
         if self.shape is not None:
             given["shape"] = require("shape", partial(lengths, low=1, high=MOST_CELLS), self.shape)

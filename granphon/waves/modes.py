@@ -676,8 +676,8 @@ def require_stable(operator: WaveOperator) -> None:
         raise explain_instability(operator.network)
 
 
-def is_stable(operator: WaveOperator) -> bool:
-    """Whether no squared frequency is below zero.
+def is_stable(operator: WaveOperator, fall: float | None = None) -> bool:
+    """Whether no squared frequency is below zero by more than ``fall``, (rad/s)^2, by default :func:`find_fall`.
 
     Only static forces make one. Where static tangential forces act, and D has a square below zero, the lowest eigenvalue of
     the whole that is not symmetric decides: its real part is not below the lowest of D. Of networks too large to be
@@ -685,16 +685,17 @@ def is_stable(operator: WaveOperator) -> bool:
     """
     if not operator.network.prestress:
         return True
-    whole, least = operator.whole, -find_fall(operator)
+    whole, least = operator.whole, -(find_fall(operator) if fall is None else fall)
     if not _has_factors(operator):
         return _search_lowest(operator) >= (least if whole is None else -_SEEN * operator.top**2)
     if not Problem(operator, np.arange(operator.size)).count_below(least):
         return True
-    return whole is not None and _find_lowest_of_whole(operator, whole)[0] >= least
+    return whole is not None and _find_lowest_of_whole(operator, whole, least)[0] >= least
 
 
-def find_falls(operator: WaveOperator) -> Array:
-    """Return motions (size, m) by which a network that is not stable falls: modes whose squared frequency is below zero.
+def find_falls(operator: WaveOperator, fall: float) -> Array:
+    """Return motions (size, m) by which a network that is not stable falls: modes whose squared frequency is below
+    zero by more than ``fall``, (rad/s)^2.
 
     They are all of these; with static tangential forces only the lowest one, by its sizes. Raises
     :class:`~granphon.base.errors.InstabilityError` for a network too large to be factorised.
@@ -703,13 +704,13 @@ def find_falls(operator: WaveOperator) -> Array:
         raise explain_instability(operator.network)
     whole = operator.whole
     if whole is not None:
-        return _find_lowest_of_whole(operator, whole)[1][:, None]
+        return _find_lowest_of_whole(operator, whole, -fall)[1][:, None]
     network, problem = operator.network, Problem(operator, np.arange(operator.size))
     # static forces make no square lower than twice that of a ball which they alone move, while all others are held
     pressed = np.maximum(network.normal_force, 0.0) / network.distance
     ends = (network.i, network.j)
     alone = np.sum([np.bincount(ball, pressed, network.n_balls) for ball in ends], axis=0) / network.masses
-    shift, count = -2.0 * float(np.max(alone)), problem.count_below(-find_fall(operator))
+    shift, count = -2.0 * float(np.max(alone)), problem.count_below(-fall)
     return np.asarray(find_nearest(problem.shifted(0.0), count, shift, problem.factors(shift).solve)[1])
 
 
@@ -718,11 +719,11 @@ def _has_factors(operator: WaveOperator) -> bool:
     return operator.size <= LARGEST_FACTORS[operator.network.dimension]
 
 
-def _find_lowest_of_whole(operator: WaveOperator, whole: Any) -> tuple[float, Array]:
+def _find_lowest_of_whole(operator: WaveOperator, whole: Any, low: float) -> tuple[float, Array]:
     """Return the lowest real part of an eigenvalue of the ``whole``, (rad/s)^2, and the sizes (size,) of its motions."""
     from scipy.sparse.linalg import eigs
 
-    problem, low = Problem(operator, np.arange(operator.size)), -find_fall(operator)
+    problem = Problem(operator, np.arange(operator.size))
     while problem.count_below(low):
         low *= 100.0
     start = np.random.default_rng(0).normal(size=operator.size)

@@ -29,7 +29,7 @@ from granphon.base.validation import finite_array, index_array, not_negative, on
 from granphon.dynamics.damping import ContactDamping
 from granphon.dynamics.linalg import lanczos_converges
 from granphon.networks.network import ContactNetwork, number_pieces
-from granphon.waves.modes import find_falls, is_stable, require_stable
+from granphon.waves.modes import find_fall, find_falls, is_stable, require_stable
 from granphon.waves.operator import WaveOperator, make_operator
 from granphon.waves.propagation import Propagation, ToneBurst, ViscousPropagation
 from granphon.waves.settings import ENDS, READINGS, PulseSettings
@@ -292,15 +292,19 @@ def drop_falling(cut: ContactNetwork, whole: ContactNetwork) -> ContactNetwork:
     Raises :class:`~granphon.base.errors.InstabilityError` if the whole network is not stable itself, if nothing of it is
     held, or if it is too large for its motions to be found.
     """
-    if not cut.prestress or is_stable(make_operator(cut)):
+    if not cut.prestress:
         return cut
-    require_stable(make_operator(whole))
+    joined = make_operator(whole)
+    fall = find_fall(joined)  # the loads of the contacts that are cut are no imbalance
+    if is_stable(make_operator(cut), fall):
+        return cut
+    require_stable(joined)
     rest = _detach(cut, np.setdiff1d(_find_hanging(cut), _find_hanging(whole)))
     while rest.n_contacts:
         operator = make_operator(rest)
-        if is_stable(operator):
+        if is_stable(operator, fall):
             return rest
-        moved = np.linalg.norm(operator.values(find_falls(operator)), axis=1)
+        moved = np.linalg.norm(operator.values(find_falls(operator, fall)), axis=1)
         rest = _detach(rest, operator.balls[np.unique(np.argmax(moved, axis=0))])
     raise InstabilityError(_NOTHING_HELD)
 
