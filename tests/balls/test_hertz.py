@@ -336,7 +336,8 @@ def test_whole_numbers_beyond_any_float_are_one_clear_error(take, big):
 @pytest.mark.parametrize(
     ("values", "failed"),
     [
-        ((70.0, 25.0, 8e-3), ["young_modulus"]), ((70e9, 0.0025, 8e-3), ["density"]), ((70e9, 2.5e6, 8e-3), ["high_density"]),
+        ((70.0, 25.0, 8e-3), ["young_modulus"]), ((70e9, 0.0025, 8e-3), ["density"]),
+        ((70e9, 2.5e6, 8e-3), ["high_density"]),
         ((999.0, 19.9, 1e-3), ["young_modulus", "density"]), ((1e3, 20.0, 1e-8), []), ((1e3, 3e4, 1.0), []),
         ((70e9, 2500.0, 8.0), ["large_diameter"]), ((70e9, 2500.0, 8e6), ["large_diameter"]),
         ((70e9, 2500.0, 9e-9), ["diameter"]),

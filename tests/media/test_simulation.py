@@ -629,7 +629,7 @@ def test_other_packings(steel):
 def test_loads_beyond_a_diameter(packing, spread, load):
     for medium in (simulate(spread, (3, 3)), simulate(packing, (3, 3))):
         for at in (medium.at_force, medium.at_pressure, medium.at_overlap):
-            with pytest.raises(InputError, match="presses|double precision"):
+            with pytest.raises(InputError, match=r"presses|double precision"):
                 at(load)
         with pytest.raises(InputError, match="by 1 diameters"):
             medium.at_overlap(D)
