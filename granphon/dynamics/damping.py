@@ -194,4 +194,4 @@ def damp_unevenly(stiffness: NDArray[Any], viscous: NDArray[Any]) -> tuple[Compl
     kept = np.take_along_axis(kept, np.lexsort((own.imag, own.real)), -1)
     omega, place = np.take_along_axis(omega, kept, -1), np.take_along_axis(order, kept, -1)
     vectors = np.take_along_axis(vectors[..., :n, :], place[..., None, :], -1)
-    return omega * scale[..., 0], vectors / np.linalg.norm(vectors, axis=-2, keepdims=True)
+    return omega * scale[..., 0], np.asarray(vectors / np.linalg.norm(vectors, axis=-2, keepdims=True), complex)

@@ -197,7 +197,7 @@ def _factorise(matrix: Array) -> tuple[Array, Index, int]:
     if not failed and np.min(lower.diagonal()) ** 2 > _SOFT_PIVOT:
         return lower, np.arange(n), n
     lower, order, rank, _ = dpstrf(matrix, tol=_SOFT_PIVOT, lower=1)
-    return np.tril(lower[:rank, :rank]), order - 1, int(rank)
+    return np.tril(lower[:rank, :rank]), np.asarray(order - 1, np.intp), int(rank)
 
 
 def _divide(lower: Array, right: Array) -> NDArray[np.float64]:

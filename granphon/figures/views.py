@@ -92,7 +92,8 @@ class Painter:
             # discs that shrink towards the light, each a step brighter
             shade = base * [*[0.6 + 0.4 * np.sqrt(part)] * 3, 1.0]
             shade[:3] += (1.0 - shade[:3]) * 0.6 * part**2
-            disc = Path.circle(middle + radius * 0.36 * part * np.array([-1.0, 1.0]), radius * (1.0 - 0.95 * part))
+            across, up = (middle + radius * 0.36 * part * np.array([-1.0, 1.0])).tolist()
+            disc = Path.circle((across, up), radius * (1.0 - 0.95 * part))
             self.add(near, disc, face=tuple(shade), edge="0.35" if part == 0.0 else "none", width=0.5)
 
     def add_arrow(self, start: Array, along: Array, color: ColorType, width: float, nearness: float | None = None) -> None:

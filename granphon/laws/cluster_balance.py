@@ -323,9 +323,7 @@ class ClusterBalance:
             self._w[going] = w
         raise PrecisionError(f"a cluster finds no equilibrium at an overlap of {y:.6g} widths", mend="Raise the load")
 
-    def _linearise(
-        self, y: float, effective: Sequence[float], part: slice
-    ) -> tuple[Array, Array, float, Array, NDArray[np.bool_]]:
+    def _linearise(self, y: float, effective: Sequence[float], part: slice) -> tuple[Array, Array, float, Array, Array]:
         """Bring some realisations into equilibrium, and return what they add to the conditions; it keeps the changes of w.
 
         That is the mean force, <phi s> and <phi^2> of each (n, 3); the derivatives (4, 4) of their means, and of the mean

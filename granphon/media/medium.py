@@ -454,8 +454,8 @@ class ClusterMedium(LawMedium):
             return 0.0
         curve = law.curve
         lowest = float(curve.overlap(np.array(VALID_FORCE)))
-        y = np.append(curve.nodes[curve.nodes > lowest], lowest)
-        return float(np.max(law.quadrature_error(y * law.width)))
+        y = np.concatenate([curve.nodes[curve.nodes > lowest], [lowest]])
+        return float(np.max(np.asarray(law.quadrature_error(y * law.width), float)))
 
     @property
     def spread_law(self) -> Law:
