@@ -707,7 +707,8 @@ def average_pulses(pulses: Sequence[Pulse]) -> Pulse:
         samples=np.concatenate(samples), signals=np.concatenate([one.signals[:, :count] for one in pulses]),
         energies=mean("energies"), plane_distances=mean("plane_distances"), planes=mean("planes"), frames=np.zeros(0),
         velocities=np.zeros(0), echo=min(one.echo for one in pulses),
-        fastest=np.max(np.stack([one.fastest for one in pulses]), axis=0), left_out=sum(one.left_out for one in pulses), warnings=(),
+        fastest=np.max(np.stack([one.fastest for one in pulses]), axis=0), left_out=sum(one.left_out for one in pulses),
+        warnings=(),
     )  # fmt: skip
     # what was said of each pulse alone is not true of their mean
     kept = dict.fromkeys(text for one in pulses for text in one.warnings if text not in one.judge())
