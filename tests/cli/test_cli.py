@@ -573,7 +573,7 @@ def test_help_has_examples(capsys, verb):
         *((words, "is empty") for words in (["run", "scene.yaml", "-o", ""], ["init", ""], ["plot", ".", "-o", ""])),
         *((words, "'-'") for words in (["run", "scene.yaml", "-o", "-"], ["init", "-"], ["plot", ".", "-o", "-"])),
         (["run"], "Missing argument 'SCENE'. See 'granphon run --help'."),
-        (["mode", "s.yaml", "--at", "K", "-o", "m.png", "--branch", "-1"], "equal to 0. See 'granphon mode --help'."),
+        (["mode", "s.yaml", "--at", "K", "-o", "m.png", "--branch", "-1"], "'--branch'"),
         (["run", "scene.yaml", "-o", "out", "--forse"], "No such option"),
         (["check", "a", "b"], "unexpected extra argument"), (["--nonsense"], "No such option"),
     ],
