@@ -127,6 +127,16 @@ class LongWaves(Compatibility):
         return self._deform_uniformly(*self._weight_rows())
 
     @cached_property
+    def _inner_sizes(self) -> Array:
+        """(n_inner,) lengths that the columns of inner motions would have if nothing cancelled between the ends of contacts.
+
+        Gears of nearly equal balls may be almost one column. Divided by its own length, which is that small difference, it
+        would have rounding that is large, and gears would cost as much.
+        """
+        gap, total = self._find_inner_ends(*self._weight_rows())
+        return np.asarray(np.linalg.norm(np.hypot(gap, total), axis=0))
+
+    @cached_property
     def _inner_modes(self) -> tuple[Array, Array]:
         """Effect on the contacts of the inner motions: rotations, and the shifts of several balls in the cell.
 
@@ -137,7 +147,7 @@ class LongWaves(Compatibility):
         count = inner.shape[1]
         if not count:
             return np.zeros((len(inner), 0)), np.zeros((0, 0))
-        size = np.linalg.norm(inner, axis=0)
+        size = self._inner_sizes
         # a column that is only rounding, compared with others of its kind, belongs to a motion that deforms nothing
         turns = np.tile(self.motions.is_rotation, self.n_balls)[-count:]
         of_kind = np.where(turns, np.max(size, where=turns, initial=0.0), np.max(size, where=~turns, initial=0.0))
@@ -151,7 +161,7 @@ class LongWaves(Compatibility):
         if self._relaxation is not None:
             return self._relaxation.free
         inner = self._strain_rows[1]
-        size = np.linalg.norm(inner, axis=0)
+        size = self._inner_sizes
         if is_independent(inner / np.where(size > 0.0, size, 1.0)):
             return np.zeros((inner.shape[1], 0))
         return np.linalg.qr(self._inner_modes[1])[0]
@@ -197,8 +207,9 @@ class LongWaves(Compatibility):
         """(n_rows, n) orthonormal basis of the deformations that inner motions can make in a long wave."""
         if self._touching is self:
             return self._inner_modes[0]
-        inner = self._strain_rows[1] @ self._find_relaxing()
-        return _split_columns(inner, np.linalg.norm(inner, axis=0))[0]
+        relaxing = self._find_relaxing()
+        size = np.sqrt(self._inner_sizes**2 @ relaxing**2)
+        return _split_columns(self._strain_rows[1] @ relaxing, size)[0]
 
     def _relax(self, rows: Array) -> Array:
         """Return the part of deformations (n_rows, ...) that remains once the inner motions have relaxed."""
@@ -598,10 +609,10 @@ def _find_null(matrix: Array, size: float = 0.0) -> Array:
 
 
 def _split_columns(columns: Array, size: Array) -> tuple[Array, Array, Array]:
-    """Return an orthonormal basis (m, rank) of columns (m, n) of lengths ``size``, and what takes them to zero.
+    """Return an orthonormal basis (m, rank) of columns (m, n), and what takes them to zero.
 
     That is an orthonormal basis (n, n - rank) of vectors that take the columns to zero once these are divided by the third
-    array returned (n,).
+    array returned (n,). The lengths ``size`` (n,) are those of the columns if nothing cancelled in them.
     """
     scale = np.where(np.any(columns != 0.0, axis=0), size, 1.0)
     # with fewer rows than columns some vectors are free: add a row of zeros for each missing row

@@ -308,6 +308,38 @@ def test_gears_of_uneven_arms_stay_behind_in_sound(name, size, angle, shares, da
         assert_allclose(gp.moduli(near).tensor, tensor, rtol=0.0, atol=4.0 * e * np.max(tensor))
 
 
+@pytest.mark.parametrize("ratio", [1e-12, 1e-9, 1e-7, 1e-5])
+@pytest.mark.parametrize("name", ["NaCl", "CsCl"])
+def test_gears_of_nearly_equal_balls_are_those_of_equal_ones(name, ratio):
+    """At a given strain sound does not depend on the size of balls; by symmetry their difference acts at second order."""
+    aluminium = ALU_BALL.material
+    near = ratio**2 + 1e-13
+    for strain in (
+        [-3.194e-5, -3.353e-5, -3.547e-5, 4.4e-7, -2.61e-6, -2.33e-6],
+        [-1.773e-5, -1.765e-5, -2.268e-5, 0.0, 0.0, 0.0],
+        [-3.32e-6, -3.64e-6, -4.38e-6, 6.3e-8, 3.43e-7, -4.41e-7],
+    ):
+        equal, nearly = (
+            gp.Crystal.on(name, [gp.Ball(aluminium, 8e-3), gp.Ball(aluminium, 8e-3 * (1.0 - part))]).at_strain(
+                strain, finite_overlap=True
+            )
+            for part in (0.0, ratio)
+        )
+        expected = gp.sound_velocities(equal, (1, 2, 3)).velocities
+        tensor = gp.moduli(equal).tensor
+        for medium in (nearly, nearly.network.repeat((2, 1, 1))):
+            assert_allclose(gp.sound_velocities(medium, (1, 2, 3)).velocities, expected, rtol=near)
+            assert_allclose(gp.moduli(medium).tensor, tensor, rtol=0.0, atol=near * np.max(tensor))
+
+
+@pytest.mark.parametrize("ratio", [0.0, 1e-9, 1e-5])
+def test_gears_of_nearly_equal_balls_that_couple_with_sound_remain_a_mechanism(ratio):
+    balls = [gp.Ball(ALU_BALL.material, 8e-3), gp.Ball(ALU_BALL.material, 8e-3 * (1.0 - ratio))]
+    state = gp.Crystal.on("honeycomb", balls).at_strain([-3e-5, -3.3e-5, 2e-6], finite_overlap=True)
+    with pytest.raises(MechanismError, match="gears"):
+        gp.sound_velocities(state, (1, 2))
+
+
 def test_moduli_that_are_not_positive_are_an_error(steel):
     packing = gp.Packing(steel, 8e-3)
     p = (1 + packing.mindlin_ratio) / 3
