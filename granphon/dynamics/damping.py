@@ -72,12 +72,13 @@ class ContactDamping:
         """Return one sentence if contacts are more viscous than stiff at the ``highest`` frequency in use, Hz; else nothing.
 
         A damping is a time. Its product with the angular frequency is above 1 where it was meant as a loss factor.
+        Of modes, the frequency is that of the same motion without losses: strong dashpots make it lower, or zero.
         """
         viscous = 2.0 * np.pi * highest * float(np.max(self.times, initial=0.0))
         if viscous <= 1.0:
             return ()
         what = f"at {highest:.4g} Hz dashpots resist {viscous:.3g} times as much as springs"
-        return (f"{what}: the damping is a time, in s. A number without a unit is a loss_factor.",)
+        return (f"{what}: the damping is a time, in s, and no loss factor.",)
 
     def soften(self, omega: Array) -> tuple[Complex, Complex]:
         """Return the factors (n_f, n_c) of the stiffness in a motion exp(-i omega t): normal, and all other."""
@@ -129,11 +130,13 @@ class DampedModes(Result, array="frequencies"):
         and its slower rate. So modes that creep are the lowest, and the slowest of them is the first.
     vectors : (m, n_balls, motions) complex, of norm one, weighted with masses; None of what repeats.
     qpoints : (n_q, 3) wave vectors, fractions of the reciprocal cell; None of a network.
+    warnings : one sentence where contacts are more viscous than stiff in the highest of the modes, as a damping is a time.
     """
 
     frequencies: Annotated[Complex, "q m|m", "Hz"]
     vectors: Annotated[Complex | None, "m n c?"] = None
     qpoints: Annotated[Array | None, "q 3?"] = None
+    warnings: tuple[str, ...] = ()
 
     @property
     def quality(self) -> Array:

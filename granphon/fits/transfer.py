@@ -292,7 +292,7 @@ def fit_damping(
     if {"stiffness", "load"} <= set(names) and not network.prestress:
         why = "Without prestress a load does no more than scale stiffnesses"
         raise InputError("the data cannot tell stiffness and load apart", why, "Fit one of them")
-    ContactDamping.of(network, damping, loss_factor)  # refuses wrong ones before the fit
+    given_damping = ContactDamping.of(network, damping, loss_factor)  # refuses wrong ones before the fit
     pairs = [one if isinstance(one, tuple) else (one, one) for one in (damping, loss_factor)]
     places = {
         "source": source, "receiver": receiver, "quantity": quantity, "direction": direction, "polarisation": polarisation,
@@ -361,7 +361,8 @@ def fit_damping(
     scatter = 1.0 if given else max(math.sqrt(chi2 / dof), float(np.finfo(float).eps))
     root = (right / singular[:, None]).T / norms[:, None] * scale[:, None] * scatter
     covariance, values = root @ root.T, best.x * scale
-    warnings = judge_residuals(chi2, dof, len(names)) if given or not dof else []
+    warnings = list(given_damping.find_warnings(float(np.max(measured.frequencies))))
+    warnings += judge_residuals(chi2, dof, len(names)) if given or not dof else []
     warnings += [
         f"the standard error of {name} is {error:.2g}, and its value {value:.2g}: it can hardly be told from zero"
         for name, value, error in zip(names, values.tolist(), np.sqrt(np.diag(covariance)).tolist(), strict=True)

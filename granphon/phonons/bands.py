@@ -384,12 +384,14 @@ class ComplexBands(Result, array="wavenumbers"):
     wavenumbers : (n_f, 2 m) k, 1/m, complex; real parts from -pi/h to pi/h.
     running : (n_f,) number of waves that run towards higher layers.
     height : of a layer, h, m.
+    warnings : one sentence where contacts are more viscous than stiff, as a damping is a time.
     """
 
     frequencies: Annotated[Array, "f", "Hz"]
     wavenumbers: Annotated[Complex, "f k", "1/m"]
     running: Annotated[Index, "f"]
     height: Annotated[float, "", "m"]
+    warnings: tuple[str, ...] = ()
 
     @property
     def forward(self) -> NDArray[np.complex128]:

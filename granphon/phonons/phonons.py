@@ -281,7 +281,8 @@ class Phonons:
         else:
             matrices = self.lattice.damped_matrices(q, found.times[:, kept] * top, found.losses[:, kept])
             omega, _ = damp_unevenly(*matrices)
-        return DampedModes(omega * self.scales.frequency, None, points)
+        highest = float(np.max(undamped, initial=0.0)) * self.scales.frequency
+        return DampedModes(omega * self.scales.frequency, None, points, found.find_warnings(highest))
 
     def modes(self, qpoints: ArrayLike, direction: ArrayLike | None = None) -> PhononModes:
         """Return frequencies (Hz), eigenvectors, group velocities (m/s) and polarisations at ``qpoints``.
@@ -404,7 +405,8 @@ class Phonons:
                 half[: len(numbers)] = numbers
         # what reaches no other layer at any frequency is no wave
         found = found[:, :, np.any(np.isfinite(found), axis=(0, 1))]
-        return ComplexBands(at, found.reshape(len(at), -1), np.array([one.running for one, _ in senses]), space.height)
+        running, warnings = np.array([one.running for one, _ in senses]), damped.find_warnings(float(np.max(at)))
+        return ComplexBands(at, found.reshape(len(at), -1), running, space.height, warnings)
 
     def dos(
         self, mesh: Sequence[int] | None = None, method: Literal["tetrahedron", "smearing"] = "tetrahedron",

@@ -566,7 +566,8 @@ def find_damped(
         modes = find_modes(operator, count, nearest)
         omega = damp_evenly(2.0 * math.pi * modes.frequencies, *even)
         order = np.argsort(omega)  # by their real part: the highest modes are the first to creep
-        return DampedModes(omega[order] / (2.0 * math.pi), modes.vectors[order].astype(complex))
+        warnings = damped.find_warnings(float(modes.frequencies[-1]))
+        return DampedModes(omega[order] / (2.0 * math.pi), modes.vectors[order].astype(complex), None, warnings)
     count = whole_number("count", count, 1)
     target = 0.0 if nearest is None else 2.0 * math.pi * not_negative("nearest", nearest, "Hz")
     problem = Problem.of(operator)
@@ -604,7 +605,10 @@ def find_damped(
     every[live] = vectors
     whole = np.zeros((count, network.n_balls, motions.count), complex)
     whole[:, operator.balls] = np.moveaxis(operator.values(every), -1, 0)
-    return DampedModes(omega[chosen] * top / (2.0 * math.pi), whole)
+    # without losses, a motion of this shape has the frequency of Rayleigh's quotient
+    squares = np.sum(every.conj() * (operator.matrix @ every), axis=0).real
+    highest = math.sqrt(max(float(np.max(squares)), 0.0)) / (2.0 * math.pi)
+    return DampedModes(omega[chosen] * top / (2.0 * math.pi), whole, None, damped.find_warnings(highest))
 
 
 def _choose_damped(omega: Complex, count: int, target: float) -> NDArray[np.intp]:

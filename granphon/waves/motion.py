@@ -37,6 +37,9 @@ _STRAIGHT = 0.9
 _BENT = 0.25
 #: least number of frames in a period of the highest harmonic
 _PER_PERIOD = 2.5
+#: least part of the height of a maximum that frames beside it have: three frames within the width of a pulse at half of its
+#: height are those of a peak. Of a shorter one they are of any motions that follow it, and say nothing about when it passes
+_FLANK = 0.5
 #: most multiples and periods: no run has as many frames
 _MOST_MULTIPLES = 10**9
 #: what a file holds to which no more can be written
@@ -193,15 +196,25 @@ class Motion(Result):
 
         The peak is the first maximum of the force above that at the start, with at least half of the greatest; the front is
         where the force has the part ``share`` of its first great change, as in :meth:`arrivals`. nan where hardly anything
-        comes, and where the force has no such maximum, as where it still rises at the end.
+        comes, where the force has no such maximum, as where it still rises at the end, and where a frame beside the maximum
+        has less than half of its height: so few frames do not tell when the pulse passes.
         """
+        times, is_resolved = self._find_passages(of, share)
+        return np.where(is_resolved, times, np.nan)
+
+    def _find_passages(self, of: Literal["peak", "front"], share: float) -> tuple[Array, NDArray[np.bool_]]:
+        """Return times (n_c,) as of :meth:`passages`, however few the frames, and whether these resolve the pulse."""
         rise = self.forces - self.forces[0]
         change = np.abs(rise)
         least = _STILL * float(change.max(initial=0.0)), _ROUNDING * float(self.forces[0].max(initial=0.0)), _NOTHING
-        first = _find_first_maxima(rise if one_of("of", of, _PASSAGES) == "peak" else change)
+        height = rise if one_of("of", of, _PASSAGES) == "peak" else change
+        first = _find_first_maxima(height)
         is_known = (change.max(axis=0, initial=0.0) > max(least)) & (first > 0)
-        times = self._find_tops(np.maximum(first, 0))[0] if of == "peak" else self.arrivals(share)
-        return np.where(is_known, times, np.nan)
+        times = self._find_tops(first)[0] if of == "peak" else self.arrivals(share)
+        # of contacts without a maximum, which are not known, frames are those of the start
+        before, after, contacts = np.maximum(first - 1, 0), np.minimum(first + 1, len(height) - 1), np.arange(first.size)
+        flank = np.minimum(height[before, contacts], height[after, contacts])
+        return np.where(is_known, times, np.nan), flank >= _FLANK * height[first, contacts]
 
     def pulse_velocity(
         self, contacts: Sequence[int], direction: ArrayLike | None = None, of: Literal["peak", "front"] = "peak",
@@ -212,8 +225,9 @@ class Motion(Result):
         The front is where the force has the part ``share`` of its first great change, by default half. A straight line is
         fitted to distances over times (:func:`fit_velocity`). Distances are along the ``direction`` (3,), by default from
         the first contact to the last. Raises :class:`~granphon.base.errors.InputError` for fewer than two contacts, for a
-        contact that the pulse does not pass within the run, for contacts that it does not reach one after another along a
-        straight line, and for a ``share`` of a peak.
+        contact that the pulse does not pass within the run, for fewer than three frames within the width of the pulse at
+        half of its height, for contacts that it does not reach one after another along a straight line, and for a ``share``
+        of a peak.
         """
         at = index_array("contacts", contacts, self.forces.shape[1], "contacts")
         if at.size < 2:
@@ -224,13 +238,17 @@ class Motion(Result):
         if direction is None and not np.any(places[-1]):
             raise InputError(f"contacts {brief(contacts)} begin and end at one place", mend="Give contacts along a way")
         along = one_direction(places[-1] if direction is None else direction, 3)
-        times = self.passages(of, 0.5 if share is None else share)[at]
+        times, is_resolved = (found[at] for found in self._find_passages(of, 0.5 if share is None else share))
         if np.any(np.isnan(times)):
             missed = at[np.isnan(times)]
             what = f"the pulse does not pass contact {missed[0]}"
             more = f", nor {missed.size - 1} others" if missed.size > 1 else ""
-            mend = "Run for longer, or give contacts that it has passed"
+            mend = "Run for longer, keep more frames, or give contacts that it has passed"
             raise InputError(what + more, "Its force does not change much, or still rises at the end", mend)
+        if not np.all(is_resolved):
+            step = float(self.times[1] - self.times[0])
+            what = f"the pulse at contact {at[~is_resolved][0]} is too short for frames {step:.3g} s apart"
+            raise InputError(what, "Fewer than three are within its width at half of its height", "Keep more frames")
         velocity, reason = fit_velocity(places @ along, times)
         if reason:
             mend = "Give contacts in the order in which it comes to them, on one side of where it begins"

@@ -141,7 +141,8 @@ class NonlinearWaves:
         self.normal = self._find_laws(law, state if isinstance(state, CrystalState) else None, isinstance(x, Crystal))
         mu = real_number(friction_coefficient)
         self.mu = mu if mu == math.inf else not_negative("friction_coefficient", friction_coefficient)
-        self.damping = ContactDamping.of(network, damping).times
+        self._damped = ContactDamping.of(network, damping)
+        self.damping = self._damped.times
         field = np.zeros(3)
         if gravity is not None:
             given = real_array("gravity", gravity)
@@ -286,7 +287,8 @@ class NonlinearWaves:
         A run that Ctrl-C stops, one whose balls leave their places by half of their diameter (geometry "lattice") or meet
         others without a known law ("exact"), or one for whose contacts the given ``step`` becomes too long, ends there with
         a :class:`~granphon.base.errors.StoppedEarlyWarning`, and returns what there is. Where contacts become wider than the
-        law allows (:func:`~granphon.validity`), there is a :class:`~granphon.base.errors.LimitWarning`.
+        law allows (:func:`~granphon.validity`), there is a :class:`~granphon.base.errors.LimitWarning`; and where they are
+        more viscous than stiff at all frequencies of the run, from the inverse of its duration, as a damping is a time.
 
         Raises :class:`~granphon.base.errors.InputError` for shapes and numbers that are not allowed, a drive of nothing or
         along which balls do not move, a force on a body that is held, a start that moves a body that is held or that a drive
@@ -314,14 +316,19 @@ class NonlinearWaves:
         x, v = start[0] + start[2], start[1] + start[3]
         with np.errstate(over="ignore", invalid="ignore"):
             squares = np.sum(system.operator.values(v) ** 2, axis=1)
-            stable = system.choose_step(x, 0.5 * float(np.max(squares, initial=0.0)))
+            stiffness = system.press(x, 0.5 * float(np.max(squares, initial=0.0)))
+            stable, top = system.choose_step(stiffness), system.fixed.top(stiffness)
         wanted = stable if step is None else positive("step", step, "s")
         if wanted * _LEAST_STEPS > _STEPS * stable:
             what = f"the step of {wanted:.3g} s is too long for the stiffest contact, or its damping"
             raise InputError(what, "It would not be stable", "Leave step out")
         least = wanted * 2.0**-_HALVINGS
+        require_steps(length / wanted)  # which may be infinite
+        # no motion of the run is slower than the run is long, or faster than contacts are
+        for sentence in self._damped.find_warnings(min(1.0 / length, top / (2.0 * math.pi))):
+            warnings.warn(f"in the motion {sentence.rstrip('.')}", LimitWarning, stacklevel=2)
         while True:
-            require_steps(length / wanted)  # which may be infinite
+            require_steps(length / wanted)
             each = max(1, math.ceil(length / (count - 1) / wanted * (1.0 - _ROUNDING)))
             require_steps(each * (count - 1))
             exact, stopped = length / (count - 1) / each, ""
@@ -344,8 +351,8 @@ class NonlinearWaves:
             if stopped in (_TOO_LONG, _UNSOLVED, _RATTLED) and step is None and wanted > least:
                 wanted *= 0.5
                 continue
-            if (sentence := check_limit("contact_radius", system.widest).warning) is not None:
-                warnings.warn(f"in the motion {sentence[0].lower()}{sentence[1:].rstrip('.')}", LimitWarning, stacklevel=2)
+            if (wide := check_limit("contact_radius", system.widest).warning) is not None:
+                warnings.warn(f"in the motion {wide[0].lower()}{wide[1:].rstrip('.')}", LimitWarning, stacklevel=2)
             if stopped:
                 early = StoppedEarlyWarning(f"the motion ends after {kept.last_time:.4g} s of {length:.4g} s: {stopped}")
                 early.interrupted = stopped == _CTRL_C
@@ -361,7 +368,7 @@ class NonlinearWaves:
         system, masses = _System(self, []), self.network.masses[self.network.moving]
         energy = 0.5 * float(np.max(masses, initial=0.0)) * speed * speed
         with np.errstate(over="ignore", invalid="ignore"):
-            return system.choose_step(np.zeros(system.operator.size), energy)
+            return system.choose_step(system.press(np.zeros(system.operator.size), energy))
 
     def _require_shape(self, name: str, values: Array) -> None:
         n, d = self.network.n_balls, self.network.dimension
@@ -527,8 +534,17 @@ class _System:
         places, scale = operator.in_balls
         return np.asarray(np.pad(values, ((0, 0), (3 * turns, 3 - 3 * turns))).ravel()[places] / scale)
 
-    def choose_step(self, x: Array, energy: float) -> float:
-        """Return a step for the contacts at the start, and for those that a ball of this kinetic energy, J, would press."""
+    def choose_step(self, stiffness: Array) -> float:
+        """Return a step for contacts of a normal ``stiffness``."""
+        top = self._top(stiffness)
+        if not top < math.inf:
+            raise InputError("contacts become too stiff for double precision", mend="Compare the units")
+        if not top > 0.0:
+            raise InputError("no contact is pressed, and no ball moves", "There is no time scale", "Give a step")
+        return 2.0 * math.pi / _STEPS / top
+
+    def press(self, x: Array, energy: float) -> Array:
+        """Return stiffnesses of contacts at the start, or of those that a ball of this kinetic energy, J, would press."""
         normal = self.waves.normal
         e = self.fixed.locate(x, np.zeros(len(self.moved))).e
         if not (energy < math.inf and np.all(np.isfinite(e))):
@@ -544,12 +560,7 @@ class _System:
         stiffness = _find_stiffest(normal, np.minimum(-depths[low], e))
         if np.any(self.waves.gravity):  # what a ball of this network falls by its own size presses
             stiffness = np.maximum(stiffness, self.network.normal_stiffness)
-        top = self._top(stiffness)
-        if not top < math.inf:
-            raise InputError("contacts become too stiff for double precision", mend="Compare the units")
-        if not top > 0.0:
-            raise InputError("no contact is pressed, and no ball moves", "There is no time scale", "Give a step")
-        return 2.0 * math.pi / _STEPS / top
+        return stiffness
 
     def _top(self, stiffness: Array) -> float:
         """Return a bound of the rates, rad/s, of contacts of a normal ``stiffness``: of oscillation w and of damping.

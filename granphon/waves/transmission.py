@@ -61,6 +61,7 @@ class Transmission(Result, array="transmitted"):
     amplitudes : (n_f, m, m) from each wave that runs in (last axis) to each that runs out; their squared sizes are energies.
     wavenumbers : (n_f, m) of the waves that run in, across the layers, 1/m.
     length : of the strip, m: its layers times their height in the first lead.
+    warnings : one sentence where contacts of the strip are more viscous than stiff, as a damping is a time.
     """
 
     frequencies: Annotated[Array, "f", "Hz"]
@@ -72,6 +73,7 @@ class Transmission(Result, array="transmitted"):
     amplitudes: Annotated[Complex, "f m m"]
     wavenumbers: Annotated[Array, "f m", "1/m"]
     length: Annotated[float, "", "m"]
+    warnings: tuple[str, ...] = ()
 
     @property
     def total(self) -> Array:
@@ -150,7 +152,7 @@ def transmission(
     layers = operator.balls.size / first.space.per_layer
     return Transmission(
         at, modes, transmitted.sum(axis=1) / count, reflected.sum(axis=1) / count, transmitted, reflected, through, numbers,
-        layers * first.space.height,
+        layers * first.space.height, damped.find_warnings(float(at[-1])),
     )  # fmt: skip
 
 

@@ -166,3 +166,18 @@ def test_the_fastest_decay_of_a_chain_has_the_digits_that_are_said():
     assert_allclose(
         np.exp(1j * found.forward[:, 0] * found.height), np.exp(-np.abs(complex_angles(f).imag)), rtol=0, atol=3e-15
     )
+
+
+def test_a_damping_that_was_meant_as_a_loss_factor():
+    """Contacts that are more viscous than stiff at the highest frequency, or in the highest branch, are told."""
+    phonons, at = gp.Phonons(chain([LIGHT, HEAVY], (K, K))), [1e3, 2e3]
+    waves = phonons.complex_bands(at, damping=0.02)
+    assert "at 2000 Hz" in waves.warnings[0]
+    assert "251 times" in waves.warnings[0]
+    top = np.sqrt(2.0 * K * (1.0 / LIGHT + 1.0 / HEAVY))  # rad/s, at Gamma
+    for damping in (0.02, (0.02, 0.01)):
+        bands = phonons.damped([[0.0], [0.5]], damping=damping)
+        assert f"{0.02 * top:.3g} times" in bands.warnings[0]
+    for losses in ({"damping": 0.9 / top}, {"loss_factor": 0.02}, {}):
+        assert not phonons.damped([[0.0], [0.5]], **losses).warnings
+        assert not phonons.complex_bands(at, **losses).warnings

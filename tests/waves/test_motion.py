@@ -100,6 +100,32 @@ def test_a_hit_chain_has_one_velocity_however_long_it_is_heard():
     assert long_waves < found[0] < 1.2 * long_waves
 
 
+def test_few_frames_are_refused_or_tell_the_velocity():
+    """Thinned frames of a chain that is hit: what they tell converges, and what follows the pulse is not taken for it."""
+    ball = gp.Ball(gp.Material(211.65e9, 0.276, 7840.0), 8e-3)
+    network = gp.Crystal.on("chain", [ball]).at_force(10.0).network.repeat((40,)).cut(0, 1)
+    velocities = np.zeros((network.n_balls, 3))
+    velocities[0, 0] = 0.01
+    run = gp.NonlinearWaves(network).run(1e-3, velocities=velocities, frames=1201)
+    for of in ("peak", "front"):
+        fine = run.pulse_velocity([5, 25], of=of)
+        errors = {}
+        for every in (2, 3, 4, 6, 8, 10, 12, 15, 20, 24, 40, 60, 80, 100, 120, 200, 240, 300, 400, 600):
+            names = [name for name, one in run._shapes.items() if one[0] == "f"]
+            few = replace(run, **{name: getattr(run, name)[::every] for name in names})
+            if np.isfinite(few.passages(of)[[5, 25]]).all():
+                errors[every] = abs(few.pulse_velocity([5, 25], of=of) / fine - 1.0)
+                continue
+            assert every > 10
+            with pytest.raises(InputError, match=r"contact (5|25)\b.*ore frames"):
+                few.pulse_velocity([5, 25], of=of)
+        assert errors[2] < 1e-4
+        assert max(errors.values()) < 0.01
+        # as the square of the step of frames
+        assert max(errors[2], errors[3]) < max(errors[8], errors[10]) / 5.0
+    assert run.pulse_velocity([5, 25]) == pytest.approx(579.05, rel=1e-4)
+
+
 def test_places_where_balls_meet_across_the_cell():
     """They are on the line to the nearest image, not half a cell away from it."""
     motion = make()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -564,11 +565,30 @@ def test_a_dashpot_that_is_stronger_than_its_spring():
     k, m = network.normal_stiffness[0], network.masses[0]
     tau = 100.0 * math.sqrt(m / k)
     rate = 2.0 * tau * k / m
-    motion = gp.NonlinearWaves(network, damping=tau).run(5.0 / rate, velocities=push(network, 1e-4), frames=11)
+    # the time is nearly a period of a swing at 2^1/2 (k/m)^1/2 or less, at which it is 141 times as viscous as stiff
+    with pytest.warns(LimitWarning, match="141 times"):
+        motion = gp.NonlinearWaves(network, damping=tau).run(5.0 / rate, velocities=push(network, 1e-4), frames=11)
     apart = motion.velocities[:, 0, 0] - motion.velocities[:, 1, 0]
     assert_allclose(apart, 1e-4 * np.exp(-rate * motion.times), atol=1e-7)
     with pytest.raises(InputError, match="less damping"):
         gp.NonlinearWaves(network, damping=1.0).run(1e-3, velocities=push(network, 1.0))
+
+
+def test_a_damping_that_was_meant_as_a_loss_factor():
+    """Where dashpots are above springs at all frequencies of a run it is said before it begins; above some, it is not."""
+    network = line(10.0, 5)
+    top = math.sqrt(network.normal_stiffness[0] / network.masses[0]) / math.pi  # of a chain
+    start = push(network, 1e-6)
+    period = 1.0 / top
+    with pytest.warns(LimitWarning, match="in the motion") as told:
+        gp.NonlinearWaves(network, damping=2.0 * period).run(4.0 * period, velocities=start, frames=3)
+    frequency, ratio = re.findall(r"(\S+) (?:Hz|times)", str(told[0].message))
+    assert_allclose(float(frequency), 0.25 * top, rtol=1e-3)
+    assert_allclose(float(ratio), math.pi, rtol=0.01)
+    # at the top it is 2 pi 0.5 times as viscous as stiff, and pi/4 at the lowest frequency of the run
+    gp.NonlinearWaves(network, damping=0.5 * period).run(4.0 * period, velocities=start, frames=3)
+    # a run shorter than any period has no higher frequency than contacts have
+    gp.NonlinearWaves(network, damping=0.1 * period).run(0.1 * period, velocities=start, frames=3)
 
 
 def test_a_start_that_cannot_be():

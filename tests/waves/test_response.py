@@ -196,6 +196,29 @@ def test_modes_that_creep_have_digits_or_are_refused():
         gp.Waves(network).damped_modes(11, damping=1e6 / OMEGA * np.linspace(1.0, 2.0, network.n_contacts))
 
 
+def test_a_damping_that_was_meant_as_a_loss_factor(monkeypatch):
+    """Responses and modes tell that contacts are more viscous than stiff: modes by their frequency without losses."""
+    from granphon.waves import modes
+
+    network = chain(30, ("clamped", "free"))
+    waves = gp.Waves(network)
+    third = 2.0 * np.pi * waves.modes(3).frequencies[-1]
+    assert " 8 times" in waves.damped_modes(3, damping=8.0 / third).warnings[0]
+    assert not waves.damped_modes(3, damping=0.8 / third).warnings
+    assert not waves.damped_modes(3, loss_factor=9.0).warnings
+    uneven = np.linspace(8.0, 9.0, network.n_contacts) / third
+    for dense in (600, 1):
+        monkeypatch.setattr(modes, "DENSE", dense)
+        assert len(waves.damped_modes(3, damping=uneven).warnings) == 1  # of modes that creep, which come first
+        assert not waves.damped_modes(3, damping=0.01 * uneven).warnings
+    # of one ball on a spring, however it is found
+    ball = replace(chain(2, ("clamped", "free")), prestress=True)
+    assert " 3 times" in gp.Waves(ball).damped_modes(1, damping=3.0 / OMEGA).warnings[0]
+    response = waves.response([0.5 * HERTZ, HERTZ], (9, "x"), (5, "x"), damping=7.0 / OMEGA)
+    assert " 7 times" in response.warnings[0]
+    assert not waves.response([0.5 * HERTZ, HERTZ], (9, "x"), (5, "x"), damping=0.9 / OMEGA).warnings
+
+
 # -- matrices made contact by contact -----------------------------------------------------------------------------------
 
 

@@ -361,3 +361,13 @@ def test_bad_input_is_one_error(change, words):
     given = {name: named.get(value, value) if isinstance(value, str) else value for name, value in given.items()}
     with pytest.raises(InputError, match=words):
         gp.transmission(**given)
+
+
+def test_a_damping_that_was_meant_as_a_loss_factor():
+    """A strip whose dashpots resist more than its springs at the highest frequency is told, as a damping has a unit."""
+    lead, middle, at = even(MASS), strip([MASS] * 4, [K] * 3), [0.1 * TOP, 0.5 * TOP]
+    found = gp.transmission(lead, middle, lead, at, damping=0.02)
+    assert f"{0.02 * np.pi * TOP:.3g} times" in found.warnings[0]
+    assert len(found.warnings) == 1
+    for losses in ({"damping": 0.9 / (np.pi * TOP)}, {"loss_factor": 0.02}, {"loss_factor": 5.0}, {}):
+        assert not gp.transmission(lead, middle, lead, at, **losses).warnings
