@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import os
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -25,7 +26,7 @@ from granphon.balls.layers import Layers, find_axes, find_faces, read_edges
 from granphon.balls.material import Material
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.base.arrays import Array, Flags, Index
-from granphon.base.errors import GranphonError, InputError, brief
+from granphon.base.errors import GranphonError, InconsistencyWarning, InputError, brief, message
 from granphon.base.memory import require_memory
 from granphon.base.registry import Registry
 from granphon.base.results import Result, read_only
@@ -328,6 +329,17 @@ class ContactNetwork(Result):
         if not force:
             return ""
         return f"The static forces on ball {ball} add up to {force:.3g} N, {part:.2g} of the mean contact force"
+
+    @property
+    def imbalance_warning(self) -> str:
+        """One sentence on the ball that is farthest from balance; empty if static forces do not act, or are in balance."""
+        if self.is_balanced:
+            return ""
+        mend = (
+            "Frequencies are of a network that is not at rest, unless something else acts on the ball, as its weight or a"
+            " wall"
+        )
+        return message(self.describe_imbalance(), mend)
 
     @property
     def is_balanced(self) -> bool:
@@ -753,7 +765,8 @@ class ContactNetwork(Result):
         from granphon.networks.tables import read_tables
 
         source = read_tables(balls, contacts, {} if columns is None else columns, cell, pbc)
-        return cls(**source.complete(material, friction, dimension, motions, prestress))._leave_out(keep_rattlers, held_by)
+        network = cls(**source.complete(material, friction, dimension, motions, prestress))
+        return network._finish_reading(keep_rattlers, held_by)
 
     @classmethod
     def from_lammps(
@@ -802,7 +815,8 @@ class ContactNetwork(Result):
         from granphon.networks.lammps import read_dumps
 
         source = read_dumps(dump, pairs, units, columns, step, normal_stiffness, shear_stiffness)
-        return cls(**source.complete(material, friction, dimension, motions, prestress))._leave_out(keep_rattlers, held_by)
+        network = cls(**source.complete(material, friction, dimension, motions, prestress))
+        return network._finish_reading(keep_rattlers, held_by)
 
     @classmethod
     def read(cls, program: str, *files: Any, **options: Any) -> ContactNetwork:
@@ -827,8 +841,12 @@ class ContactNetwork(Result):
             raise InputError(what, mend="Let it return a granphon.ContactNetwork, as from_table makes one")
         return found
 
-    def _leave_out(self, keep_rattlers: bool, held_by: int | None) -> Self:
-        return self if require("keep_rattlers", truth, keep_rattlers) else self.without_rattlers(held_by)
+    def _finish_reading(self, keep_rattlers: bool, held_by: int | None) -> Self:
+        """Leave rattlers out of a network that was read, if they are not kept, and warn if it is out of balance."""
+        network = self if require("keep_rattlers", truth, keep_rattlers) else self.without_rattlers(held_by)
+        if network.imbalance_warning:
+            warnings.warn(network.imbalance_warning, InconsistencyWarning, stacklevel=3)
+        return network
 
     def write_tables(self, balls: str | os.PathLike[str], contacts: str | os.PathLike[str]) -> None:
         """Write the network as two CSV files; :meth:`from_table` reads the same from them, to the last digit.
