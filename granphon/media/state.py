@@ -41,8 +41,8 @@ if TYPE_CHECKING:
     from granphon.array.sample import Sample
 
 
-#: greatest relative difference between a number of a state that was read and what follows from the others: rounding, and what
-#: another machine makes of it
+#: greatest relative difference between a number of a state that was read and what follows from the others: rounding, also
+#: that of another machine
 _ALIKE = 1e-6
 #: a number for a state at a single load, an array for a state at several loads
 Values = Any

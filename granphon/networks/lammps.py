@@ -230,7 +230,7 @@ def _split_frames(name: str, raw: bytes, kind: str) -> Iterator[_Frame]:
 
 
 def _refuse_cut(frame: _Frame, lines: list[str], broken: bool) -> None:
-    """Raise :class:`InputError` if the last line of a dump, after its last frame, is ``broken`` or a row of too few cells."""
+    """Raise :class:`InputError` if the last line of a dump is ``broken``, or a row of too few cells."""
     there = f"{frame.name}:{len(lines)}"
     if frame.rows and frame.rows[-1][0] == len(lines):
         first, last = [len(frame.rows[row][1].split()) for row in (0, -1)]

@@ -743,14 +743,18 @@ class ContactNetwork(Result):
         friction : whether contacts resist slip, where their shear stiffness is not given.
         prestress : whether static forces act on displacements across contacts; by default they do not. Contacts that resist
             slip bear tangential forces of the same order: without these there is an
-            :class:`~granphon.base.errors.InconsistencyWarning`.
+            :class:`~granphon.base.errors.InconsistencyWarning`; and there is one if the static forces on a ball add up to
+            more than 1e-3 of their mean.
         columns : headings of columns that go by other names: {"radius": "R (mm)"}.
         keep_rattlers : keep balls that carry no load. By default they are left out, and ``left_out`` is their number.
         held_by : least number of contacts that hold a ball, see :meth:`without_rattlers`.
 
         Forces that follow from overlaps have the error of places with few digits: where its standard value is above 0.6 % of
         the mean force there is an :class:`~granphon.base.errors.InconsistencyWarning`, above 6 % an error. There is a
-        warning too if masses differ from those of the material by 5 % (the masses count), or if the material is none in SI.
+        warning too if masses differ from those of the material by 5 % (the masses count), or if the material is none in SI;
+        and, where stiffnesses follow from forces, if a force is more than ten times Hertz's force at the overlap of its
+        balls, or less than a tenth, or if all forces are one multiple of it (off by 5 % or more). Rounding in a file, and
+        contacts below a thousandth of the mean force, do not count.
 
         Contacts without force whose stiffness follows from it are left out. Files of :meth:`write_tables` also give cell,
         pbc, dimension, motions and prestress, where these are not given here. They have a digest: if one of the two has lost
@@ -799,12 +803,11 @@ class ContactNetwork(Result):
         without a potential is left out, and LAMMPS computes slip with the radii. Contacts with walls are not in ``compute
         pair/local``, and are missing.
 
-        If a force is more than ten times Hertz's force at the overlap of its balls, or less than a tenth, or if all forces
-        are one multiple of it (of 5 % or more), there is an :class:`~granphon.base.errors.InconsistencyWarning`. Rounding in
-        the file, and contacts below a thousandth of the mean force, do not count. Masses that are not those of the density
-        are told so, too; and rounded places, as by :meth:`from_table`.
+        Forces that are not those of the overlaps, masses that are not those of the density, rounded places and static forces
+        out of balance are told as by :meth:`from_table`.
 
-        A dump whose last frame is cut, as a killed LAMMPS leaves it, is read at a ``step`` before that, with a
+        A dump whose last frame is cut, as a killed LAMMPS leaves it (also within a row, or before the line break at its
+        end), is read at a ``step`` before that, with a
         :class:`~granphon.base.errors.StoppedEarlyWarning`.
 
         Raises

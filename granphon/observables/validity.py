@@ -13,7 +13,6 @@ from granphon.balls.ball import BALL_LIMITS
 from granphon.balls.hertz import contact_radius_ratio, harmonic_diameter, overlap_from
 from granphon.balls.loads import Load
 from granphon.balls.packing import MINDLIN
-from granphon.base.errors import message
 from granphon.base.results import Result
 from granphon.media.left_out import expect_shear_deficit, find_left_out
 from granphon.media.limits import Check, check_limit
