@@ -31,6 +31,9 @@ def simulation(shape, **more):
     return gp.DirectSimulation(PACKING, shape=shape, **more)
 
 
+#: 40 million numbers, which take no memory of their own
+MANY = np.broadcast_to(1.0, 40_000_000)
+SORTED = np.linspace(1.0, 2.0, 1_100_000)
 FRICTION = {"friction_history": True, "friction_coefficient": 0.2}
 DOORS = {
     "repeat": lambda: equal().network.repeat((100_000, 100_000)),
@@ -53,6 +56,15 @@ DOORS = {
     "path": lambda: simulation((3000, 3000), **FRICTION).path(force=[10.0, 20.0]),
     "frames of a motion": lambda: gp.NonlinearWaves(network()).run(1e-4, frames=10**7),
     "frames of a pulse": lambda: gp.Waves(network()).transmit(3000.0, (1, 0), 0.03, frames=np.linspace(0.0, 1e-3, 10**6)),
+    "response": lambda: gp.Waves(network()).response(SORTED, (0, (1, 0)), (np.arange(1, 144), (1, 0)), damping=1e-6),
+    "complex bands": lambda: gp.Phonons(equal()).complex_bands(MANY[:2_000_000], 0),
+    "complex bands with losses": lambda: gp.Phonons(equal()).complex_bands(MANY[:800_000], 0, damping=1e-7),
+    "transmission": lambda: gp.transmission(equal().network, None, equal().network, SORTED),
+    "local_dos": lambda: gp.Waves(network()).local_dos(0, MANY),
+    "sweep": lambda: gp.sweep(PACKING, force=MANY),
+    "loads": lambda: gp.EffectiveMedium(PACKING).at_force(MANY),
+    "loads of pairs": lambda: gp.AveragedForce(PACKING).at_force(MANY[:10_000_000]),
+    "pulse velocities": lambda: gp.pulse_velocities(equal(), MANY[:2_000_000]),
     "force constants": lambda: gp.HertzMindlin(equal()).get_force_constants(gp.atoms(equal()).repeat((100, 100, 1))),
 }
 

@@ -11,10 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granphon.base.errors import InputError, brief
+from granphon.base.memory import require_memory
 from granphon.base.quantities import LOAD_KINDS, TENSORS, find_load_unit
 from granphon.base.results import read_only
 from granphon.base.validation import finite_array, one_of, real_list, require, whole
 
+#: memory of the state at one load, bytes, of which no medium takes less; and of loads that are listed, as for a sweep
+_LOAD_BYTES, _LISTED_BYTES = 110.0, 850.0
 #: a rule (:mod:`granphon.base.validation`) for the length of a side of a hexagonal frame, in balls
 balls_on_side = partial(whole, low=1, high=1_000_000)
 
@@ -59,6 +62,7 @@ class Load:
 
     def __post_init__(self) -> None:
         one_of("kind", self.kind, LOAD_KINDS)
+        _require_memory(self.array, _LOAD_BYTES)
         object.__setattr__(self, "array", read_only(finite_array(self.kind, self.array)))
         # an overlap may be negative, and what gravity loads need not be pressed
         if self.kind != "overlap" and not (self.gravity is not None and np.all(self.array >= 0.0)):
@@ -81,6 +85,7 @@ class Load:
         if len(kinds) != 1:
             what = f"the loads are given as {' and '.join(kinds)}" if kinds else "there is no load"
             raise InputError(what, mend="Give one of " + ", ".join(given))
+        _require_memory(given[kinds[0]], _LISTED_BYTES)
         return cls(kinds[0], np.array(real_list(kinds[0], given[kinds[0]])))
 
     def __eq__(self, other: object) -> bool:
@@ -136,6 +141,12 @@ class Load:
         """The load in words for a message, without a unit: that of a pressure depends on the lattice."""
         # a text of more numbers would be cut: the first are enough
         return f"{self.kind} = {brief(np.asarray(self.array[:64] if self.shape else self.array).tolist())}"
+
+
+def _require_memory(values: Any, each: float) -> None:
+    """Raise :class:`InputError` if states at so many loads, with so many bytes ``each``, do not fit into memory."""
+    count = values.size if isinstance(values, np.ndarray) else len(values) if isinstance(values, list | tuple) else 1
+    require_memory(f"states at {count:,} loads", each * count, "Take fewer loads")
 
 
 def require_compressive(name: str, values: NDArray[np.float64]) -> None:

@@ -26,8 +26,8 @@ def available_memory(root: Path = Path("/")) -> float:
     """Return the memory that this process may still take, bytes; infinite if the system does not report it.
 
     On Linux it is the least of the memory that the kernel reports as available and of what is left of the limits of the
-    process's control group and the groups above it. Elsewhere it is the free memory, or failing that the total memory.
-    ``root`` is the folder of the system's files.
+    process itself (of its addresses), of its control group and of the groups above it. Elsewhere it is the free memory, or
+    failing that the total memory. ``root`` is the folder of the system's files.
     """
 
     def read(path: Path) -> list[list[str]]:
@@ -48,6 +48,12 @@ def available_memory(root: Path = Path("/")) -> float:
         left = free * 1024.0
     elif pages is not None and "SC_PAGE_SIZE" in known:
         left = float(os.sysconf(pages)) * float(os.sysconf("SC_PAGE_SIZE"))
+    most_addresses = next(
+        (words[3] for words in read(root / "proc/self/limits") if words[:3] == ["Max", "address", "space"]), ""
+    )
+    addresses = read_number(root / "proc/self/status", "VmSize:")
+    if most_addresses.isdigit() and addresses is not None:
+        left = min(left, max(float(most_addresses) - addresses * 1024.0, 0.0))
     for words in read(root / "proc/self/cgroup"):
         _, _, rest = " ".join(words).partition(":")
         controllers, _, path = rest.partition(":")

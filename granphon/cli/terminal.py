@@ -56,12 +56,15 @@ def fail(text: str, code: int) -> int:
 
 
 def require_name(option: str, path: str | None) -> None:
-    """Raise :class:`~granphon.base.errors.InputError` if the path given for ``option`` is empty, or stands for a stream."""
+    """Raise :class:`~granphon.base.errors.InputError` if the path given for ``option`` is empty, or is of dashes only.
+
+    A single dash stands for a stream, and two end the options: none is meant as a name.
+    """
     if path == "":
         raise InputError(f"{option} is empty", mend="Name a file or folder; perhaps a shell variable is not set")
-    if path == "-":
-        why = "Results are files, and none is written to the standard output"
-        raise InputError(f"{option} is '-'", why, "Name a file or folder; ./- if that is its name")
+    if path and not path.strip("-"):
+        why = "Results are files, and none is written to the standard output" if path == "-" else ""
+        raise InputError(f"{option} is {path!r}", why, f"Name a file or folder; ./{path} if that is its name")
 
 
 class Interrupted(Exception):

@@ -16,7 +16,10 @@ import numpy as np
 
 from granphon.base.arrays import Array, Complex
 from granphon.base.errors import PrecisionError
+from granphon.base.memory import require_memory
 
+#: matrices of a block, twice as wide, that are held for each frequency, and rows of a contact where it loses energy
+_MATRICES, _ROWS = 7.0, 6.0
 #: point of the plane of lambda from which eigenvalues are found: one without symmetry, well inside of the unit circle
 _POINT = 0.31 + 0.17j
 #: distance from the unit circle up to which a wave runs; and of lambda, up to which waves are one
@@ -84,6 +87,15 @@ class BlochWaves(NamedTuple):
         """Return the amplitudes (running, ...) of the waves that run in a motion (n, ...) of a block."""
         basis = np.concatenate([self.vectors, self.still], axis=1)
         return np.asarray(np.linalg.solve(basis, motion)[: self.running])
+
+
+def require_bloch_memory(count: int, size: int, contacts: int = 0) -> None:
+    """Raise :class:`~granphon.base.errors.InputError` if waves at ``count`` frequencies do not fit into memory.
+
+    A block has ``size`` motions, and couplings that differ from frequency to frequency have so many ``contacts``.
+    """
+    needed = count * (_MATRICES * 16.0 * (2 * size) ** 2 + _ROWS * 32.0 * size * contacts)
+    require_memory(f"waves of {size:,} motions at {count:,} frequencies", needed, "Take fewer frequencies")
 
 
 def find_bloch_waves(blocks: Couplings, w: Array, layer: int) -> list[tuple[BlochWaves, BlochWaves]]:

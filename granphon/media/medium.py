@@ -26,6 +26,7 @@ from granphon.balls.loads import Load, require_compressive
 from granphon.balls.motions import Motions
 from granphon.balls.packing import Packing, given_packing, require_shallow
 from granphon.base.errors import InputError
+from granphon.base.memory import require_memory
 from granphon.base.validation import Rule, choice, one_of, whole, whole_number
 from granphon.dynamics.cluster_response import ClusterResponse, cluster_response, cluster_sizes
 from granphon.dynamics.contact_lattice import ContactLattice
@@ -192,6 +193,8 @@ class LawMedium(Medium[ContactState]):
     """
 
     packing: Packing
+    # memory of the state at one load while it is found, bytes
+    _load_bytes: ClassVar[float] = 160.0
 
     @cached_property
     def law(self) -> Law:
@@ -208,6 +211,7 @@ class LawMedium(Medium[ContactState]):
 
     def at(self, load: Load, *, finite_overlap: bool | None = None) -> ContactState:
         """Return the state at a load; :meth:`at_force`, :meth:`at_pressure` and :meth:`at_overlap` take its value in SI."""
+        require_memory(f"states at {load.size:,} loads", self._load_bytes * load.size, "Take fewer loads")
         load, follows, law = load.applied, read_finite_overlap(finite_overlap), self.law
         diameter, periods = self.packing.diameter, self.packing.structure.periods
         with np.errstate(all="ignore"):  # what is beyond double precision is refused below
@@ -281,6 +285,7 @@ class AveragedForce(LawMedium):
     """
 
     name, words = "afa", "averaged force"
+    _load_bytes = 420.0
 
     @property
     def spread_law(self) -> Law:
@@ -402,6 +407,7 @@ class ClusterMedium(LawMedium):
     """
 
     name, words = "cluster", "cluster medium"
+    _load_bytes = 1000.0
     slow_part = "the cluster medium"
 
     packing: Packing

@@ -214,6 +214,10 @@ class SimulatedState(ContactState):
         finite = bool(np.any(np.asarray(self._is_exact)[index]))
         return replace(self, force=f, overlap=delta, normal_stiffness=k, samples=samples, finite_overlap=finite)
 
+    def _find_again(self) -> dict[str, Any]:
+        """Return the means over the samples."""
+        return {name: self._average(attrgetter(name)) for name in ("force", "overlap")}
+
     @property
     def _table(self) -> NDArray[Any]:
         """Samples as an array of objects, with the axes of the load and then the index of the sample."""

@@ -41,6 +41,9 @@ if TYPE_CHECKING:
     from granphon.array.sample import Sample
 
 
+#: greatest relative difference between a number of a state that was read and what follows from the others: rounding, also
+#: that of another machine
+_ALIKE = 1e-6
 #: a number for a state at a single load, an array for a state at several loads
 Values = Any
 
@@ -256,6 +259,35 @@ class ContactState(State, Result):
     normal_stiffness: Annotated[Values, "...", "N/m", "above zero"]
     finite_overlap: bool = False
     chosen_automatically: bool = False
+
+    def _check(self) -> None:
+        """Raise :class:`InputError` too if an overlap that was read is out of range, or does not belong to its force.
+
+        Balls neither lie in each other nor, where they differ, are all of them apart.
+        """
+        super()._check()
+        overlap, diameter = np.asarray(self.overlap), self.packing.diameter
+        least = -self.packing.width_units.width if self.samples else self.law.least_overlap
+        out = ~((overlap > max(least, -diameter)) & (overlap < diameter))
+        if np.any(out):
+            what = f"overlap of the {type(self).__name__} is {float(overlap[out].flat[0]):g} m"
+            raise InputError(what, f"The mean diameter is {diameter:g} m", "Make the state again")
+        found = self._find_again()
+        for name, unit in (("force", "N"), ("overlap", "m"), ("normal_stiffness", "N/m")):
+            if name not in found:
+                continue
+            values, again = np.asarray(getattr(self, name)), np.asarray(found[name])
+            size = np.maximum(np.abs(values), self.packing.width if name == "overlap" else 0.0)
+            wrong = ~(np.abs(again - values) <= _ALIKE * size)
+            if np.any(wrong):
+                value, other = (float(one[wrong].flat[0]) for one in (values, again))
+                what = f"{name} of the {type(self).__name__} is {value:.6g} {unit}"
+                why = f"What the overlap, the law and the samples of the state make of it is {other:.6g} {unit}"
+                raise InputError(what, why, "Make the state again")
+
+    def _find_again(self) -> dict[str, Any]:
+        """Return numbers of the state as they follow from its others, by their names: those of its law at the overlap."""
+        return {"force": self.law.force(self.overlap), "normal_stiffness": self.law.stiffness(self.overlap)}
 
     def __getitem__(self, index: Any) -> Self:
         """Return the state at some of the loads, indexed like an array."""

@@ -48,8 +48,9 @@ _EXACT = 1e-14
 #: standard error of the forces that follow from overlaps, over the forces, above which it is told, and they are refused.
 #: Frequencies have a sixth of it: they are then off by 0.1 %, and by 1 %, as far as elastic constants are known
 _TOLD_ERROR, _MOST_ERROR = 6e-3, 6e-2
-#: least difference from one that is told of a ratio: of all forces to Hertz's, of masses to those of the density
-_OTHER = 0.05
+#: least difference from one that is told of a ratio: of all forces to Hertz's, of masses to those of the density. A ratio
+#: of 1.05 is told, however it is rounded
+_OTHER = 0.049
 #: greatest scatter of a ratio that is the same for all contacts: the rounding in a file, and how far balls are from rest
 _SAME = 1e-4
 #: the largest file of balls or contacts that is read, bytes: that of some millions of contacts
@@ -62,7 +63,6 @@ class Balls:
 
     ``name`` is what messages call the source. Positions are (n, 1), (n, 2) or (n, 3); the rest is (n,). ``rounding`` and
     ``radius_rounding`` are the greatest errors that the digits of the source leave in positions and radii, m.
-    ``compared`` says whether forces that are given are those of the overlaps.
     """
 
     name: str
@@ -73,7 +73,6 @@ class Balls:
     labels: Index | None = None
     rounding: Array | None = None
     radius_rounding: Array | None = None
-    compared: bool = False
     kinds: tuple[str, ...] | None = None
 
     def find_errors(self, i: Index, j: Index, normal: Array) -> tuple[Array, Array]:
@@ -277,7 +276,7 @@ class Source:
                 contacts.refuse(still, "is with a body that does not move, and has no force", mend="Give normal_force")
                 force = by_overlap()
                 _judge_errors(contacts, balls, by_overlap, balls.find_errors(i, j, normal)[1])
-            elif stiffness is None and balls.compared:
+            elif stiffness is None:
                 _compare_forces(contacts, np.where(still, np.nan, force), by_overlap, balls.find_errors(i, j, normal)[0])
             if stiffness is None:
                 stiffness = coefficient * unit.stiffness(unit.overlap(force / coefficient))
@@ -343,7 +342,7 @@ class Source:
         solid = material.density * (4.0 / 3.0 * math.pi) * balls.radii[moving] ** 3
         with np.errstate(all="ignore"):  # sizes and masses that cannot be reckoned with are refused later
             ratio = float(np.median(balls.masses[moving] / solid))
-        if math.isfinite(ratio) and abs(ratio - 1.0) > _OTHER:
+        if math.isfinite(ratio) and abs(ratio - 1.0) >= _OTHER:
             what = f"{balls.name}: the masses are {ratio:.4g} times those of solid balls of {material.density:g} kg/m3"
             why = "The masses count, and the density of the material does not"
             mend = "Compare units and material. If balls are not solid, give the density of mass over volume"
@@ -391,7 +390,7 @@ def _compare_forces(contacts: Contacts, force: Array, by_overlap: Callable[..., 
     factor = float(np.median(ratio))
     scatter = float(np.median(np.abs(ratio / factor - 1.0)))
     rounding = float(np.median((most - least)[strong] / (2.0 * made[strong])))
-    if scatter <= _SAME + rounding and abs(factor - 1.0) > _OTHER + rounding:
+    if scatter <= _SAME + rounding and abs(factor - 1.0) >= _OTHER + rounding:
         what = f"{contacts.name}: all forces are {factor:.4g} times those of Hertz's law at the overlaps"
         mend = "Compare units and Young's modulus. If the law is not Hertz's, give the stiffnesses"
         warnings.warn(message(what, "The material or the law is another one", mend), InconsistencyWarning, stacklevel=4)

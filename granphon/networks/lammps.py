@@ -127,7 +127,7 @@ def read_dumps(
     kinds = tuple(cells[int(place)] for _, text in atoms.rows if len(cells := text.split()) > place)
     balls = Balls(
         atoms.name, length * (places + atoms.origin), length * radii, masses, labels=_read_ids(atoms, "id"),
-        rounding=length * rounding, radius_rounding=length * find_rounding(radii), compared=True,
+        rounding=length * rounding, radius_rounding=length * find_rounding(radii),
         kinds=kinds if len(set(kinds)) > 1 else None,
     )  # fmt: skip
     return Source(balls, contacts, length * atoms.cell, np.asarray(atoms.pbc, bool))
@@ -171,8 +171,15 @@ def _read_frame(path: str | os.PathLike[str], step: int | None, kind: str) -> _F
 
 
 def _split_frames(name: str, raw: bytes, kind: str) -> Iterator[_Frame]:
-    """Yield the frames of a dump."""
-    lines = decode(name, raw).splitlines()
+    """Yield the frames of a dump.
+
+    LAMMPS ends each line with a line break: a file that ends without it, or with a row of too few cells, is cut there.
+    """
+    text = decode(name, raw)
+    lines = text.splitlines()
+    while lines and not lines[-1].strip():
+        lines.pop()
+    broken = not text.rstrip(" \t").endswith(("\n", "\r"))
     n, units = 0, ""
     frame: _Frame | None = None
     count, begun = -1, False
@@ -208,6 +215,8 @@ def _split_frames(name: str, raw: bytes, kind: str) -> Iterator[_Frame]:
                 raise InputError(what, "The names of LAMMPS are of plain letters, digits and signs")
             frame.names, frame.rows = tuple(names), list(enumerate(lines[n : n + count], n + 1))
             n += count
+            if n == len(lines):
+                _refuse_cut(frame, lines, broken)
             begun = False
             yield frame
         else:  # such as TIME
@@ -216,6 +225,21 @@ def _split_frames(name: str, raw: bytes, kind: str) -> Iterator[_Frame]:
         raise InputError(f"{name} has no time step", mend=_IS_DUMP)
     if begun:
         raise InputError(f"{name} ends before the {kind.lower()} of its time step {frame.step}", "The file is not whole")
+    if broken:
+        _refuse_cut(frame, lines, broken)
+
+
+def _refuse_cut(frame: _Frame, lines: list[str], broken: bool) -> None:
+    """Raise :class:`InputError` if the last line of a dump is ``broken``, or a row of too few cells."""
+    there = f"{frame.name}:{len(lines)}"
+    if frame.rows and frame.rows[-1][0] == len(lines):
+        first, last = [len(frame.rows[row][1].split()) for row in (0, -1)]
+        wanted = min(first, len(frame.names)) if frame.rows[1:] else len(frame.names)
+        if last < wanted:
+            raise InputError(f"{there}: the last row has {last} cells, and {wanted} are needed", "The file is not whole")
+    if broken:
+        why = "The file is not whole: its last number may have lost digits"
+        raise InputError(f"{there}: the last line has no line break at its end", why)
 
 
 def _read_count(name: str, lines: list[str], n: int) -> int:

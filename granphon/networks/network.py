@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import os
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -25,7 +26,7 @@ from granphon.balls.layers import Layers, find_axes, find_faces, read_edges
 from granphon.balls.material import Material
 from granphon.balls.motions import Motions, allowed_motions, select_motions
 from granphon.base.arrays import Array, Flags, Index
-from granphon.base.errors import GranphonError, InputError, brief
+from granphon.base.errors import GranphonError, InconsistencyWarning, InputError, brief, message
 from granphon.base.memory import require_memory
 from granphon.base.registry import Registry
 from granphon.base.results import Result, read_only
@@ -328,6 +329,17 @@ class ContactNetwork(Result):
         if not force:
             return ""
         return f"The static forces on ball {ball} add up to {force:.3g} N, {part:.2g} of the mean contact force"
+
+    @property
+    def imbalance_warning(self) -> str:
+        """One sentence on the ball that is farthest from balance; empty if static forces do not act, or are in balance."""
+        if self.is_balanced:
+            return ""
+        mend = (
+            "Frequencies are of a network that is not at rest, unless something else acts on the ball, as its weight or a"
+            " wall"
+        )
+        return message(self.describe_imbalance(), mend)
 
     @property
     def is_balanced(self) -> bool:
@@ -731,14 +743,18 @@ class ContactNetwork(Result):
         friction : whether contacts resist slip, where their shear stiffness is not given.
         prestress : whether static forces act on displacements across contacts; by default they do not. Contacts that resist
             slip bear tangential forces of the same order: without these there is an
-            :class:`~granphon.base.errors.InconsistencyWarning`.
+            :class:`~granphon.base.errors.InconsistencyWarning`; and there is one if the static forces on a ball add up to
+            more than 1e-3 of their mean.
         columns : headings of columns that go by other names: {"radius": "R (mm)"}.
         keep_rattlers : keep balls that carry no load. By default they are left out, and ``left_out`` is their number.
         held_by : least number of contacts that hold a ball, see :meth:`without_rattlers`.
 
         Forces that follow from overlaps have the error of places with few digits: where its standard value is above 0.6 % of
         the mean force there is an :class:`~granphon.base.errors.InconsistencyWarning`, above 6 % an error. There is a
-        warning too if masses differ from those of the material by 5 % (the masses count), or if the material is none in SI.
+        warning too if masses differ from those of the material by 5 % (the masses count), or if the material is none in SI;
+        and, where stiffnesses follow from forces, if a force is more than ten times Hertz's force at the overlap of its
+        balls, or less than a tenth, or if all forces are one multiple of it (off by 5 % or more). Rounding in a file, and
+        contacts below a thousandth of the mean force, do not count.
 
         Contacts without force whose stiffness follows from it are left out. Files of :meth:`write_tables` also give cell,
         pbc, dimension, motions and prestress, where these are not given here. They have a digest: if one of the two has lost
@@ -753,7 +769,8 @@ class ContactNetwork(Result):
         from granphon.networks.tables import read_tables
 
         source = read_tables(balls, contacts, {} if columns is None else columns, cell, pbc)
-        return cls(**source.complete(material, friction, dimension, motions, prestress))._leave_out(keep_rattlers, held_by)
+        network = cls(**source.complete(material, friction, dimension, motions, prestress))
+        return network._finish_reading(keep_rattlers, held_by)
 
     @classmethod
     def from_lammps(
@@ -786,12 +803,11 @@ class ContactNetwork(Result):
         without a potential is left out, and LAMMPS computes slip with the radii. Contacts with walls are not in ``compute
         pair/local``, and are missing.
 
-        If a force is more than ten times Hertz's force at the overlap of its balls, or less than a tenth, or if all forces
-        are one multiple of it (of 5 % or more), there is an :class:`~granphon.base.errors.InconsistencyWarning`. Rounding in
-        the file, and contacts below a thousandth of the mean force, do not count. Masses that are not those of the density
-        are told so, too; and rounded places, as by :meth:`from_table`.
+        Forces that are not those of the overlaps, masses that are not those of the density, rounded places and static forces
+        out of balance are told as by :meth:`from_table`.
 
-        A dump whose last frame is cut, as a killed LAMMPS leaves it, is read at a ``step`` before that, with a
+        A dump whose last frame is cut, as a killed LAMMPS leaves it (also within a row, or before the line break at its
+        end), is read at a ``step`` before that, with a
         :class:`~granphon.base.errors.StoppedEarlyWarning`.
 
         Raises
@@ -802,7 +818,8 @@ class ContactNetwork(Result):
         from granphon.networks.lammps import read_dumps
 
         source = read_dumps(dump, pairs, units, columns, step, normal_stiffness, shear_stiffness)
-        return cls(**source.complete(material, friction, dimension, motions, prestress))._leave_out(keep_rattlers, held_by)
+        network = cls(**source.complete(material, friction, dimension, motions, prestress))
+        return network._finish_reading(keep_rattlers, held_by)
 
     @classmethod
     def read(cls, program: str, *files: Any, **options: Any) -> ContactNetwork:
@@ -827,8 +844,12 @@ class ContactNetwork(Result):
             raise InputError(what, mend="Let it return a granphon.ContactNetwork, as from_table makes one")
         return found
 
-    def _leave_out(self, keep_rattlers: bool, held_by: int | None) -> Self:
-        return self if require("keep_rattlers", truth, keep_rattlers) else self.without_rattlers(held_by)
+    def _finish_reading(self, keep_rattlers: bool, held_by: int | None) -> Self:
+        """Leave rattlers out of a network that was read, if they are not kept, and warn if it is out of balance."""
+        network = self if require("keep_rattlers", truth, keep_rattlers) else self.without_rattlers(held_by)
+        if network.imbalance_warning:
+            warnings.warn(network.imbalance_warning, InconsistencyWarning, stacklevel=3)
+        return network
 
     def write_tables(self, balls: str | os.PathLike[str], contacts: str | os.PathLike[str]) -> None:
         """Write the network as two CSV files; :meth:`from_table` reads the same from them, to the last digit.

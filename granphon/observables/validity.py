@@ -13,7 +13,6 @@ from granphon.balls.ball import BALL_LIMITS
 from granphon.balls.hertz import contact_radius_ratio, harmonic_diameter, overlap_from
 from granphon.balls.loads import Load
 from granphon.balls.packing import MINDLIN
-from granphon.base.errors import message
 from granphon.base.results import Result
 from granphon.media.left_out import expect_shear_deficit, find_left_out
 from granphon.media.limits import Check, check_limit
@@ -176,10 +175,5 @@ def check_network(network: ContactNetwork) -> Validity:
 
 def network_warnings(network: ContactNetwork) -> tuple[str, ...]:
     """Return one sentence for each limit that a network exceeds, and one if its static forces act and are out of balance."""
-    limits = check_network(network).warnings
-    if network.is_balanced:
-        return limits
-    mend = (
-        "Frequencies are of a network that is not at rest, unless something else acts on the ball, as its weight or a wall"
-    )
-    return (*limits, message(network.describe_imbalance(), mend))
+    told = network.imbalance_warning
+    return (*check_network(network).warnings, *([told] if told else []))

@@ -14,6 +14,7 @@ from granphon.array.sample import jackknife, standard_error
 from granphon.balls.lattices import as_direction
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError, InstabilityError, UnreachableFrequencyError, brief
+from granphon.base.memory import require_memory
 from granphon.base.progress import Progress, silent
 from granphon.base.results import Result
 from granphon.base.validation import finite_array, texts
@@ -27,6 +28,8 @@ from granphon.observables.validity import find_warnings
 Found = TypeVar("Found", "SoundVelocities", "Moduli")
 #: largest part of the stress under an even strain that may differ from a pressure; it allows for rounding
 _EVEN = 1e-10
+#: memory of the velocities of a pulse in one branch, and of each entry of the matrix of its motions, bytes
+_PULSE_BYTES, _MODE_BYTES = 900.0, 36.0
 #: what to use in place of the moduli of an isotropic lattice
 _AVERAGES = "Use .tensor, or the averages over directions .voigt, .reuss and .hill"
 #: top of a branch, (k/M)^1/2, that is zero but for rounding
@@ -468,6 +471,9 @@ def pulse_velocities(
     except ValueError:
         what = f"the frequencies have the shape {hertz.shape}, and the loads {state.shape}"
         raise InputError(what, mend="Give one frequency, or shapes that numpy can broadcast") from None
+    count = len(names) * math.prod(shape + along.shape[:-1])
+    needed = (_PULSE_BYTES + _MODE_BYTES * state.reference_lattice.n_branches**2) * count
+    require_memory(f"velocities of {count:,} pulses", needed, "Take fewer frequencies, loads or directions")
     scale = np.stack([np.broadcast_to(one, shape + along.shape[:-1]) for one in scales])
     with np.errstate(over="ignore"):  # infinity is beyond every branch, too
         target = hertz.reshape(hertz.shape + (1,) * axes) * (2.0 * np.pi * d / scale)

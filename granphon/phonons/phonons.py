@@ -19,7 +19,7 @@ from granphon.base.memory import require_memory
 from granphon.base.scales import Units
 from granphon.base.text import counted
 from granphon.base.validation import frequency_array, grid_numbers, one_of, positive, real_array, whole_number
-from granphon.dynamics.bloch_waves import LEAST_PART, find_bloch_waves
+from granphon.dynamics.bloch_waves import LEAST_PART, find_bloch_waves, require_bloch_memory
 from granphon.dynamics.compatibility import MOST_BYTES
 from granphon.dynamics.contact_lattice import ContactLattice
 from granphon.dynamics.damping import ContactDamping, DampedModes, damp_evenly, damp_unevenly
@@ -386,6 +386,7 @@ class Phonons:
         at = frequency_array("frequencies", frequencies, "above zero", in_order=False)
         space = HalfSpace(network, axis)
         damped = ContactDamping.of(space.cut, damping, loss_factor)
+        require_bloch_memory(at.size, space.size, 0 if damped.is_none else space.cut.n_contacts)
         along, omega = space.read_wavevector(q), at / space.units.frequency
         blocks = space.couplings(along, *(() if damped.is_none else damped.soften(2.0 * np.pi * at)))
         far = omega**2 * LEAST_PART > np.max(np.abs(blocks.inner))

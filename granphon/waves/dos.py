@@ -14,12 +14,15 @@ from granphon.array.sample import standard_error
 from granphon.balls.diameters import uniform_numbers
 from granphon.base.arrays import Array
 from granphon.base.errors import InputError
+from granphon.base.memory import require_memory
 from granphon.base.results import Result
 from granphon.base.validation import finite_array, whole_number
 from granphon.observables.validity import network_warnings
 from granphon.waves.chebyshev import Kernel, Moments, Refinable, keeps_vectors
 from granphon.waves.operator import WaveOperator
 
+#: memory of a local density at one frequency, of one motion of the ball and of the frequency itself, bytes
+_LOCAL_BYTES = 40.0
 #: most numbers of moments of all random vectors: their densities are 4 GiB
 MOST_MOMENTS = 2**26
 #: most numbers of moments of modes that are worked out together
@@ -58,6 +61,8 @@ def find_local_density(
     hertz = np.atleast_1d(finite_array("frequencies", frequencies, "Hz", "zero or above"))
     if hertz.ndim != 1:
         raise InputError(f"the frequencies have the shape {hertz.shape}", mend="Give a list")
+    needed = _LOCAL_BYTES * hertz.size * (1.0 + operator.motions.count)
+    require_memory(f"local densities of states at {hertz.size:,} frequencies", needed, "Take fewer frequencies")
     ball = whole_number("ball", ball, 0, network.n_balls - 1)
     if not network.moving[ball]:
         raise InputError(f"ball {ball} does not move", "Its mass is infinite", "Give another ball")

@@ -21,7 +21,7 @@ from granphon.base.errors import InputError, PrecisionError
 from granphon.base.results import Result
 from granphon.base.scales import write_quantity
 from granphon.base.validation import frequency_array
-from granphon.dynamics.bloch_waves import BlochWaves, Couplings, find_bloch_waves
+from granphon.dynamics.bloch_waves import BlochWaves, Couplings, find_bloch_waves, require_bloch_memory
 from granphon.dynamics.damping import ContactDamping
 from granphon.dynamics.half_space import HalfSpace
 from granphon.networks.network import given_network
@@ -112,6 +112,7 @@ def transmission(
     at = frequency_array("frequencies", frequencies, "above zero")
     leads = [_Lead.of(one, axis, q) for one in (left, right)]
     first, last = leads
+    require_bloch_memory(at.size, max(lead.space.size for lead in leads))
     strip = given_network(last.space.network.cut(axis, last.space.reach + 1) if middle is None else middle)
     operator, damped = WaveOperator(strip), ContactDamping.of(strip, damping, loss_factor)
     if len({(one.name, one.letters) for one in (first.space.motions, last.space.motions, operator.motions)}) > 1:

@@ -572,6 +572,7 @@ def test_help_has_examples(capsys, verb):
         (["rum"], "No such command 'rum'"), (["nonsense"], "'nonsense'. See 'granphon --help'."), (["run", "scene.yaml"], "--out"),
         *((words, "is empty") for words in (["run", "scene.yaml", "-o", ""], ["init", ""], ["plot", ".", "-o", ""])),
         *((words, "'-'") for words in (["run", "scene.yaml", "-o", "-"], ["init", "-"], ["plot", ".", "-o", "-"])),
+        (["run", "scene.yaml", "-o", "--"], "'--'"), (["run", "scene.yaml", "-o", "---"], "'---'"),
         (["run"], "Missing argument 'SCENE'. See 'granphon run --help'."),
         (["mode", "s.yaml", "--at", "K", "-o", "m.png", "--branch", "-1"], "'--branch'"),
         (["run", "scene.yaml", "-o", "out", "--forse"], "No such option"),

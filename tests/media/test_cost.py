@@ -153,6 +153,8 @@ def test_the_text_counts_equilibria():
 # -- what is available ---------------------------------------------------------------------------------------------------
 
 MEMINFO = "MemTotal:       32000000 kB\nMemFree:         1000000 kB\nMemAvailable:    8000000 kB\n"
+LIMITS = "Limit  Soft Limit  Hard Limit  Units\nMax address space  {}  unlimited  bytes\n"
+STATUS = "Name:\tpython\nVmSize:\t 1000000 kB\n"
 V1, V2 = "sys/fs/cgroup/memory", "sys/fs/cgroup"
 LIMITED_1 = {
     f"{V1}/job/memory.limit_in_bytes": "5000000000\n", f"{V1}/job/memory.usage_in_bytes": "3000000000\n",
@@ -177,6 +179,9 @@ LIMITED_2 = {
         ({"proc/meminfo": MEMINFO, "proc/self/cgroup": "0::/docker/0a1b\n", f"{V2}/memory.max": "600000000",
           f"{V2}/memory.current": "700000000"}, 0.0),
         ({"proc/meminfo": MEMINFO, "proc/self/cgroup": "0::/\nnonsense\n::\n"}, 8.192e9),
+        # the addresses of a process may be limited, as by ulimit -v
+        ({"proc/meminfo": MEMINFO, "proc/self/limits": LIMITS.format("6000000000"), "proc/self/status": STATUS}, 4.976e9),
+        ({"proc/meminfo": MEMINFO, "proc/self/limits": LIMITS.format("unlimited"), "proc/self/status": STATUS}, 8.192e9),
     ],
 )  # fmt: skip
 def test_what_is_available_is_the_least_of_the_machines_and_the_groups(tmp_path, files, available):

@@ -278,6 +278,23 @@ def test_states_of_every_medium_and_spread_come_back(steel):
             assert np.array_equal(again.law.force(again.overlap), state.law.force(state.overlap))
 
 
+@pytest.mark.filterwarnings("ignore::granphon.base.errors.UnverifiedFileWarning")
+@pytest.mark.parametrize("name", ["overlap", "force", "normal_stiffness"])
+def test_a_state_without_digest_has_the_numbers_of_its_law(steel, name):
+    """Also of samples, whose mean it is; and an overlap is no more than a diameter, nor less than that of balls apart."""
+    states = [make(differing(steel)).at_force([5.0, 18.446]) for make in LAW_MEDIA[:3]]
+    samples = gp.DirectSimulation(differing(steel), shape=(4, 4)).at_force([5.0, 18.446])
+    for state in [*states, *([samples] if name != "normal_stiffness" else [])]:
+        data = json.loads(json.dumps(state.to_dict()))
+        del data["digest"]
+        assert type(state).from_dict(data) == state
+        values = data[name]
+        odd = [1.00001 * values[1], *((-1.0, 1.0) if name == "overlap" else ())]
+        for value in odd:
+            with pytest.raises(InputError, match=f"({name}|force) of the {type(state).__name__}"):
+                type(state).from_dict(data | {name: [values[0], value]})
+
+
 # -- macroscopic properties (47)-(49) -----------------------------------------------------------------------------------
 
 

@@ -263,9 +263,10 @@ def test_a_ball_on_a_floor_is_that_of_hertz_and_mindlin():
 def test_a_floor_of_networks_from_elsewhere(tmp_path):
     """Tables with a material have the floor of their own balls; those without know none, and say so."""
     radii = np.array([4e-3, 3e-3])
-    balls = {"x": [4e-3, 11e-3], "radius": radii}
+    pressed = gp.Hertz().between(gp.Ball(STEEL, 8e-3), gp.Ball(STEEL, 6e-3)).overlap(10.0)
+    balls = {"x": [4e-3, 11e-3 - pressed], "radius": radii}
     contacts = {"i": [0, 1], "j": [1, 0], "shift_1": [0, 1], "normal_force": [10.0, 10.0]}
-    network = gp.ContactNetwork.from_table(balls, contacts, material=STEEL, cell=[14e-3])
+    network = gp.ContactNetwork.from_table(balls, contacts, material=STEEL, cell=[14e-3 - 2.0 * pressed])
     found = on_floor(network.cut(0, 3, "floor"))
     law = [gp.Hertz().between(gp.Ball(STEEL, 2.0 * radius), RIGID_PLANE) for radius in radii]
     overlap = np.array([one.overlap(10.0) for one in law])

@@ -93,11 +93,11 @@ def test_vectors_and_forces_of_a_dump_may_be_missing(name, tmp_path):
     head, below = re.split(r"(?<=\n)ITEM: ENTRIES.*\n", pairs.read_text())
     rows = [line.split()[:3] for line in below.splitlines()]
     bare = tmp_path / "pairs.dump"
-    bare.write_text(head + "ITEM: ENTRIES c_ids[1] c_ids[2] c_pair[1]\n" + "\n".join(map(" ".join, rows)))
+    bare.write_text(head + "ITEM: ENTRIES c_ids[1] c_ids[2] c_pair[1]\n" + "\n".join(map(" ".join, rows)) + "\n")
     again = gp.ContactNetwork.from_lammps(atoms, bare, GLASS, columns=["i", "j", "force"], keep_rattlers=True)
     assert again == whole
     # two columns: the forces are Hertz's at the overlap of the positions, of which the file has nine digits
-    bare.write_text(head + "ITEM: ENTRIES i j\n" + "\n".join(" ".join(row[:2]) for row in rows))
+    bare.write_text(head + "ITEM: ENTRIES i j\n" + "\n".join(" ".join(row[:2]) for row in rows) + "\n")
     again = gp.ContactNetwork.from_lammps(atoms, bare, GLASS, keep_rattlers=True)
     strong = whole.normal_force > 1e-3 * whole.normal_force.mean()
     kept = np.isin(np.stack([whole.i, whole.j]).T @ [1000, 1], np.stack([again.i, again.j]).T @ [1000, 1])
@@ -511,7 +511,12 @@ def test_a_dump_that_is_cut_is_read_before_that(which, tmp_path):
     paths[1 - which].write_text(steps[2 - 2 * which] + steps[3 - 2 * which])
     expected = gp.ContactNetwork.from_lammps(*dumps("disks"), GLASS)
     begin = len(steps[2 * which])
-    for cut in (whole.index("\n", begin) + 7, whole.index("BOUNDS", begin), len(whole) - 700):
+    for cut in (
+        whole.index("\n", begin) + 7,
+        whole.index("BOUNDS", begin),
+        *(len(whole) - n for n in (700, 40, 5, 1)),
+        begin + 9,
+    ):
         paths[which].write_text(whole[:cut])
         with pytest.warns(StoppedEarlyWarning, match=f"{paths[which].name} .* time step 100") as caught:
             assert gp.ContactNetwork.from_lammps(*paths, GLASS, step=100) == expected

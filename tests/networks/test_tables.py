@@ -1,13 +1,14 @@
 """Networks from tables of balls and contacts, read and written, and files that are damaged."""
 
 import re
+import warnings
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import granphon as gp
-from granphon.base.errors import InputError, UnverifiedFileWarning
+from granphon.base.errors import InconsistencyWarning, InputError, UnverifiedFileWarning
 from tests import packings
 from tests.networks.test_lammps import GLASS, NAMES, dumps
 
@@ -140,11 +141,44 @@ def test_tables_of_yade():
     np.testing.assert_allclose(follows.normal, network.normal, atol=1e-14)
 
 
+@pytest.mark.parametrize("factor", [1.0, 1.05, 20.0, 1000.0])
+def test_forces_of_arrays_are_compared_with_the_overlaps(factor):
+    """The same judgement as of dumps: a factor of all forces to Hertz's law is told, also one of 1.05."""
+    network = gp.AveragedLattice(gp.Packing(GLASS, 2e-3)).at_force(1.0, finite_overlap=True).network.repeat((4, 4))
+    balls = {"x": network.positions[:, 0], "y": network.positions[:, 1], "radius": network.radii}
+    contacts = {"i": network.i, "j": network.j, "normal_force": factor * network.normal_force}
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        gp.ContactNetwork.from_table(balls, contacts, cell=network.cell[:2, :2], material=GLASS)
+    assert [one.category for one in caught] == [InconsistencyWarning] * (factor != 1.0)
+    assert all(one.filename == __file__ for one in caught)
+
+
+@pytest.mark.parametrize(("push", "told"), [(1e-2, True), (1e-5, False)])
+def test_a_network_that_is_read_out_of_balance_is_told(push, told, tmp_path):
+    """The sentence is that of its waves; forces that do not act need no balance."""
+    network = gp.AveragedLattice(gp.Packing(GLASS, 2e-3)).at_force(1.0, finite_overlap=True).network.repeat((4, 4))
+    force = network.normal_force.copy()
+    force[0] *= 1.0 + push
+    made = replace(network, normal_force=force)
+    files = tmp_path / "balls.csv", tmp_path / "contacts.csv"
+    made.write_tables(*files)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        read = gp.ContactNetwork.from_table(*files)
+        assert np.array_equal(read.normal_force, force)
+        gp.ContactNetwork.from_table(*files, prestress=False)
+    assert [str(one.message) for one in caught] == [one for one in gp.Waves(made).warnings if "static forces" in one]
+    assert len(caught) == told
+    assert all(one.filename == __file__ for one in caught)
+
+
 def test_a_table_of_a_row_between_walls():
     """Three balls and two flat walls: the stiffness of a wall contact is Hertz's of a ball on a plane."""
     mass = GLASS.ball_mass(0.02)
+    pressed = gp.Hertz().between(gp.Ball(GLASS, 0.02), gp.Ball(GLASS, 0.02)).overlap(100.0)
     balls = {
-        "x": [0.0, 0.0199, 0.0398, -0.02, 0.06],
+        "x": [0.0, 0.02 - pressed, 0.04 - 2.0 * pressed, -0.02, 0.06],
         "radius": [0.01, 0.01, 0.01, np.inf, np.inf],
         "mass": [mass, mass, mass, np.inf, np.inf],
     }
