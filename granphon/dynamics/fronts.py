@@ -157,12 +157,13 @@ class Fronts:
         from scipy.linalg import solve_triangular
 
         found = np.where(self._is_left[:, None], 0.0, forces)
-        for front in self._fronts:
+        fronts = [front for front in self._fronts if front.own.size]
+        for front in fronts:
             own = solve_triangular(front.lower, found[front.own], lower=True, check_finite=False)
             found[front.own] = own
             found[front.rest] -= front.below @ own
         found[self.left] = 0.0
-        for front in reversed(self._fronts):
+        for front in reversed(fronts):
             own = found[front.own] - front.below.T @ found[front.rest]
             found[front.own] = solve_triangular(front.lower, own, lower=True, trans="T", check_finite=False)
         return found
@@ -174,8 +175,12 @@ class Fronts:
         found = np.zeros((self._is_left.size, self.left.size))
         found[self.left, np.arange(self.left.size)] = 1.0
         for front in reversed(self._fronts):
+            if not front.own.size:
+                continue
             moved = found[front.rest]
             some = np.flatnonzero(np.any(moved != 0.0, axis=0))  # most of those that are left move a few balls alone
+            if not some.size:
+                continue
             own = -(front.below.T @ moved[:, some])
             found[front.own[:, None], some] = solve_triangular(front.lower, own, lower=True, trans="T", check_finite=False)
         return found
