@@ -110,13 +110,13 @@ def test_least_loads_of_few_balls(seed):
     assert found.residual <= 1e-10
 
 
-@pytest.mark.parametrize("seed", only([2], [0, 2]))
+@pytest.mark.parametrize("seed", only([0], [0, 3]))
 def test_steps_at_low_loads_in_space(seed):
-    # without centring 51 and 58 steps
+    # without centring 51 steps and more; the number depends on rounding, and so on the version of NumPy
     x = np.random.default_rng(seed).uniform(-0.5, 0.5, (12, 12, 12))
     x -= np.mean(x)
     state = equilibrate(x, ReducedLoad(force=1e-4), Stencils(x.shape, lattice=FCC))
-    assert state.newton < 45  # 42 or less, as it is rounded
+    assert state.newton < 45  # 30 to 38
     assert state.residual <= 1e-10
 
 
