@@ -235,6 +235,7 @@ def test_every_block_runs_and_gives_what_the_page_says(page, folder):
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             # phonopy and numpy bring an OpenMP library each: Euphonic says that it will use one thread
+            warnings.filterwarnings("ignore", "Setting the shape on a NumPy array", DeprecationWarning, r"ase\.")
             warnings.filterwarnings("ignore", "More than one OpenMP library", UserWarning)
             checks = list(performed(page, folder))
     finally:

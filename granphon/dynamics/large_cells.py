@@ -39,7 +39,7 @@ _SHIFT = 1e-8
 #: error of eigenvalues, over the largest, that tells that one is missing
 _MISSED = 1e-11
 #: memory of one wave vector over the square of the number of branches, bytes: D, LAPACK's copy and its work
-BYTES = 36.0
+BYTES = 38.0
 #: most eigenvalues that are found again
 _MOST = 100
 #: relative distance of frequencies up to which they are degenerate

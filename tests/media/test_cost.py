@@ -341,7 +341,7 @@ def test_costs_add_up_to_one_after_the_other():
 
 
 def test_bands_of_a_large_cell_go_as_the_cube_of_its_branches_and_take_few_matrices_at_a_time():
-    """The memory is that which arrays of a cell of 363 branches take, with LAPACK's copy of it, which is not counted."""
+    """The memory is that of the arrays of a cell of 363 branches, with LAPACK's copy, which NumPy counts from 2.5 on."""
     few, many = (cost.bands(60, branches, eigenvectors=False) for branches in (1000, 3000))
     assert 15.0 < many.known / few.known < 30.0
     assert many.memory < 1e9 < cost.bands(60, 3000).memory

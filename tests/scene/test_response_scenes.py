@@ -12,8 +12,6 @@ from granphon.scene.redraw import redraw
 from granphon.waves.response import find_peaks
 from tests.runs.conftest import Meter
 
-pytestmark = pytest.mark.filterwarnings("error")
-
 CHAIN = """
 balls:
   S: {material: {young_modulus: 193 GPa, poisson_ratio: 0.30, density: 8000 kg/m^3}, diameter: 19.05 mm}
