@@ -44,6 +44,8 @@ _AXES = ("x", "y", "z")
 _TANGENTIAL = tuple(f"tangential_{axis}" for axis in _AXES)
 #: columns that may hold "inf": those of a body that does not move
 _OF_WALLS = ("radius", "diameter", "mass", "inertia")
+#: columns whose names are compared with those that are known: the table of a program has some tens, and the comparison is slow
+_MOST_NAMES = 1000
 #: what begins the line of a written table that holds what concerns all balls
 _REMARK = "# granphon network: "
 
@@ -84,7 +86,8 @@ class _Columns:
         keys = [Heading.parse(name).key for name in there]
         given = {Heading.parse(columns.get(name, name)).key for name in known}
         lacking = [name for name in known if Heading.parse(name).key not in keys]
-        for name, key in zip(there, keys, strict=True):  # an optional column with a misspelled name would be passed over
+        # an optional column with a misspelled name would be passed over
+        for name, key in list(zip(there, keys, strict=True))[:_MOST_NAMES]:
             strange = key not in given and key not in known and len(key) > 2
             meant = closest(key, known) if strange and lacking else None
             if meant in lacking:

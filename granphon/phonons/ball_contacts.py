@@ -231,15 +231,18 @@ lammps_format = ExternalIOFormat("granphon: LAMMPS dump of balls, beside one of 
 
 
 def _write_atoms(network: ContactNetwork) -> Atoms:
-    """Return the balls of a network that move as Atoms in its reduced units, with the arrays ``radius`` and ``kinds``."""
-    scales, moving = network.scales, network.moving
-    kinds = np.array(network.kinds or ["X"] * len(moving))[moving]
+    """Return the balls of a network as Atoms in its reduced units, with the arrays ``radius`` and ``kinds``.
+
+    Balls that are held are Atoms of infinite mass; a flat wall, which has no size, is left out.
+    """
+    scales, shown = network.scales, np.isfinite(network.radii)
+    kinds = np.array(network.kinds or ["X"] * len(shown))[shown]
     symbols = choose_symbols(kinds.tolist()) if network.kinds else {"X": "X"}
     balls = Atoms(
-        [symbols[kind] for kind in kinds.tolist()], positions=network.positions[moving] / scales.length,
-        cell=network.cell / scales.length, pbc=network.pbc, masses=network.masses[moving] / scales.mass,
+        [symbols[kind] for kind in kinds.tolist()], positions=network.positions[shown] / scales.length,
+        cell=network.cell / scales.length, pbc=network.pbc, masses=network.masses[shown] / scales.mass,
     )  # fmt: skip
-    balls.set_array("radius", network.radii[moving] / scales.length)
+    balls.set_array("radius", network.radii[shown] / scales.length)
     balls.set_array("kinds", kinds)
     balls.info.update(scales.to_info())
     return balls

@@ -153,6 +153,15 @@ def test_readers_for_viewers_keep_balls_without_load(program, tmp_path):
     assert len(read(files[0], keep_rattlers=False)) == 29
 
 
+def test_readers_for_viewers_keep_balls_that_are_held(tmp_path):
+    """A ball on a ball that is held, above a flat wall: a wall has no size, and is none of the Atoms."""
+    (tmp_path / "balls.csv").write_text("x (m),y (m),radius (m),mass (kg)\n0,0,1,1\n0,-2,1,inf\n1,0,inf,inf\n")
+    (tmp_path / "contacts.csv").write_text("i,j,nx,ny,normal_force (N),normal_stiffness (N/m)\n0,1,0,-1,1,1\n0,2,1,0,1,1\n")
+    balls = read_granphon_tables(tmp_path / "balls.csv", dimension=2, friction=False)
+    assert balls.arrays["radius"].tolist() == [0.5, 0.5]
+    assert balls.get_masses().tolist() == [1.0, np.inf]
+
+
 def test_ase_finds_calculator_and_formats_by_itself(tmp_path):
     """In a process in which granphon is installed, as its entry points say."""
     points = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["entry-points"]
