@@ -44,7 +44,7 @@ _AXES = ("x", "y", "z")
 _TANGENTIAL = tuple(f"tangential_{axis}" for axis in _AXES)
 #: columns that may hold "inf": those of a body that does not move
 _OF_WALLS = ("radius", "diameter", "mass", "inertia")
-#: columns whose names are compared with those that are known: the table of a program has some tens, and the comparison is slow
+#: columns whose names are compared with those that are known: programs write some tens, and the comparison is slow
 _MOST_NAMES = 1000
 #: what begins the line of a written table that holds what concerns all balls
 _REMARK = "# granphon network: "
